@@ -139,7 +139,7 @@ class Pipeline:
         elif key in self._speed_keys and bus == self._speed_bus:
             kmh = speed_answer_kmh(data)
             if kmh is not None:
-                self.monitor.car_states(kmh)
+                self.monitor.note_car_speed(kmh)
 
     def _asked(self, time_s: float, data: bytes) -> None:
         """Note that a frame asks for a reset."""

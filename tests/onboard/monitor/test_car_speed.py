@@ -26,7 +26,7 @@ class Asked(Watched):
         """As `play`, second by second."""
         reported = []
         for second in range(round(duration_s)):
-            self.car_states(kmh)
+            self.note_car_speed(kmh)
             reported += [(s, r, second + t) for s, r, t in self.play(1.0, **more)]  # type: ignore[arg-type]
             self.reasons += [alarm.reason for alarm in self.standing if alarm.reason not in self.reasons]
         return reported
@@ -56,16 +56,16 @@ def test_a_late_answer_is_held_against_the_speeds_of_two_seconds() -> None:
     car = CarSpeed()
     for tick in range(61):
         car.update(0.1 * tick, 30.0 - tick * 1.0 / 2.5, math.nan)
-    car.state(round(3.6 * (30.0 - 40 / 2.5)))
+    car.note_stated(round(3.6 * (30.0 - 40 / 2.5)))
     assert True is car.update(6.0, 6.0, math.nan).wheels
-    car.state(round(3.6 * 30.0))
+    car.note_stated(round(3.6 * 30.0))
     assert False is car.update(6.1, 6.0, math.nan).wheels
 
 
 def test_a_statement_holds_for_two_seconds() -> None:
     """What a car said a while ago says nothing any more."""
     car = CarSpeed()
-    car.state(72)
+    car.note_stated(72)
     received = [car.update(0.5 * k, 20.0, math.nan) for k in range(8)]
     assert [True] * 5 + [None] * 3 == [one.wheels for one in received]
     assert SpeedAgreement() == received[-1]

@@ -8,7 +8,7 @@ import pytest
 from tpmsd.car.config.model import TyreConfig
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.evidence.detectable import JointLoss, LossDetectability, detectable
+from tpmsd.onboard.monitor.evidence.detectable import JointLoss, LossDetectability, minimum_detectable_losses
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses
@@ -25,14 +25,14 @@ def test_the_smallest_losses_are_those_that_are_raised_nine_times_in_ten(common:
     alike, as the covariance scatters them; of a quarter less three in four at most."""
     covariance = (np.full((4, 4), common**2) + np.eye(4) * own**2) * 0.316**2
     scatter = np.random.default_rng(1).multivariate_normal(np.zeros(4), covariance, 400)
-    similar = JointLoss.of(np.zeros((1, 4)), covariance[None], np.zeros(1), RADIUS)
-    found = detectable(covariance, similar, RADIUS, TYRES, THRESHOLD, ASKED)
+    similar = JointLoss.from_changes(np.zeros((1, 4)), covariance[None], np.zeros(1), RADIUS)
+    found = minimum_detectable_losses(covariance, similar, RADIUS, TYRES, THRESHOLD, ASKED)
     for share, lost in ((found.one_tyre, np.array([1.0, 0.0, 0.0, 0.0])), (found.all_tyres, np.ones(4))):
         min_m = -TYRES[0].radius_change_m(share)
         raised = []
         for times in (1.1, 0.75):
             verdicts = [
-                Comparison(RADIUS, THRESHOLD).of(change, covariance)
+                Comparison(RADIUS, THRESHOLD).compare(change, covariance)
                 for change in scatter - times * min_m * lost
             ]
             raised.append(np.mean([bool(verdict.deflated[0] >= ASKED) for verdict in verdicts]))
@@ -55,18 +55,21 @@ def test_what_a_load_may_do_makes_all_four_harder_to_see(chance: float, lost_m: 
         return np.log([1.0 - chance, chance]) + log_normal(change_m, both)
 
     asked_on = np.full(4, -lost_m)
-    similar = JointLoss.of(np.tile(asked_on, (2, 1)), both, weights(asked_on), RADIUS)
-    found = detectable(learned, similar, RADIUS, TYRES, THRESHOLD, ASKED)
-    alone = JointLoss.of(np.zeros((1, 4)), learned[None], np.zeros(1), RADIUS)
-    assert found.all_tyres > 1.1 * detectable(learned, alone, RADIUS, TYRES, THRESHOLD, ASKED).all_tyres
+    similar = JointLoss.from_changes(np.tile(asked_on, (2, 1)), both, weights(asked_on), RADIUS)
+    found = minimum_detectable_losses(learned, similar, RADIUS, TYRES, THRESHOLD, ASKED)
+    alone = JointLoss.from_changes(np.zeros((1, 4)), learned[None], np.zeros(1), RADIUS)
+    assert (
+        found.all_tyres
+        > 1.1 * minimum_detectable_losses(learned, alone, RADIUS, TYRES, THRESHOLD, ASKED).all_tyres
+    )
     min_m = -TYRES[0].radius_change_m(found.all_tyres)
     scatter = np.random.default_rng(2).multivariate_normal(np.zeros(4), learned, 400)
     raised = []
     for times in (1.1, 0.75):
         changes = scatter - times * min_m
         verdicts = [
-            Comparison(RADIUS, THRESHOLD).of_change_hypotheses(
-                SizeHypotheses.plain(np.tile(change, (2, 1)), both, weights(change))
+            Comparison(RADIUS, THRESHOLD).compare_hypotheses(
+                SizeHypotheses.as_learned(np.tile(change, (2, 1)), both, weights(change))
             )
             for change in changes
         ]
@@ -76,7 +79,7 @@ def test_what_a_load_may_do_makes_all_four_harder_to_see(chance: float, lost_m: 
 
 def test_where_all_are_not_judged_no_loss_of_theirs_is_seen() -> None:
     """Not even that of all their air."""
-    found = detectable(np.eye(4) * 1e-8, None, RADIUS, TYRES, THRESHOLD, ASKED)
+    found = minimum_detectable_losses(np.eye(4) * 1e-8, None, RADIUS, TYRES, THRESHOLD, ASKED)
     assert (1.0, True) == (found.all_tyres, found.one_tyre < 0.15)
 
 
@@ -89,11 +92,11 @@ def test_a_load_hides_both_tyres_of_the_axle_that_bears_it() -> None:
     both = np.stack([learned, loaded])
     weights = np.log([0.9, 0.1]) + log_normal(np.zeros(4), both)
     whole, front, rear = (
-        JointLoss.of(np.zeros((2, 4)), both, weights, RADIUS * np.array(mask))
+        JointLoss.from_changes(np.zeros((2, 4)), both, weights, RADIUS * np.array(mask))
         for mask in ([1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0])
     )
     least = [
-        detectable(learned, whole, RADIUS, TYRES, THRESHOLD, ASKED, axles).one_axle
+        minimum_detectable_losses(learned, whole, RADIUS, TYRES, THRESHOLD, ASKED, axles).one_axle
         for axles in ((front,), (rear,), (front, rear))
     ]
     assert least[1] > 2.0 * least[0]
@@ -110,7 +113,9 @@ def test_the_loss_of_each_wheel_is_said_in_metres_of_its_own_radius() -> None:
     pressure is that of one tyre."""
     radius_m = np.array([0.3, 0.3, 0.36, 0.36])
     tyres = [tyre_model(TyreConfig(), float(radius)) for radius in radius_m]
-    found = detectable(np.diag((4e-4 * radius_m) ** 2), None, radius_m, tyres, THRESHOLD, ASKED)
+    found = minimum_detectable_losses(
+        np.diag((4e-4 * radius_m) ** 2), None, radius_m, tyres, THRESHOLD, ASKED
+    )
     each_m = np.array(found.each_m)
 
     assert radius_m / 0.3 == pytest.approx(each_m / each_m[0])

@@ -22,10 +22,10 @@ from tpmsd.onboard.monitor.baseline.reference import (
     KNOTS_MPS,
     SIZE,
     RadiusReference,
-    hats,
+    speed_weights,
 )
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
-from tpmsd.onboard.monitor.evidence.sizes import no_sizes
+from tpmsd.onboard.monitor.evidence.sizes import unchanged_sizes
 from tpmsd.onboard.monitor.sampling.conditions import Conditions
 from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope
@@ -33,7 +33,7 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 WHEELS = [0, 1, 2, 3]
 RADIUS = np.full(4, RADIUS_M)
-USUAL = no_sizes(4)
+USUAL = unchanged_sizes(4)
 NOISE_M = 1.5e-4
 """Of an estimate, each wheel."""
 KNOWN_SHARE = 0.1
@@ -124,12 +124,12 @@ def test_what_all_but_the_last_samples_say_is_what_was_said_before_them() -> Non
 
     whole = taken(5)
     for last in range(3):
-        before, ended = whole.before(last), taken(5 - last).before(0)
+        before, ended = whole.change_before(last), taken(5 - last).change_before(0)
         assert before is not None
         assert ended is not None
         assert np.array_equal(before.change_m, ended.change_m)
         assert np.array_equal(before.log_weight, ended.log_weight)
-    assert whole.before(5) is None
+    assert whole.change_before(5) is None
 
 
 @pytest.mark.parametrize("driven", ["front", "rear"])
@@ -248,7 +248,7 @@ def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:
     change_hypotheses = evidence.change_hypotheses
     assert change_hypotheses is not None
     nuisance = np.diag([3e-4, 4e-4, 5e-4, 6e-4]) ** 2
-    _, log_weight = change_hypotheses.allowing(nuisance * RADIUS_M**2)
+    _, log_weight = change_hypotheses.with_nuisance(nuisance * RADIUS_M**2)
     h, off = np.vstack(rows), np.concatenate(seen) - np.vstack(rows) @ mean
     own = DRIVE_EVIDENCE.estimate_share * noise + evidence._whole._quick
     design = np.tile(np.eye(4), (9, 1))
@@ -324,13 +324,13 @@ def test_driven_wheels_that_slip_at_low_grip_are_no_loss(seed: int) -> None:
 
 def test_speeds_lie_between_the_two_nearest_knots() -> None:
     """Weights are linear between knots, add up to one, and belong to the outer knot beyond it."""
-    assert np.array_equal(np.eye(KNOTS_MPS.size), [hats(knot) for knot in KNOTS_MPS.tolist()])
+    assert np.array_equal(np.eye(KNOTS_MPS.size), [speed_weights(knot) for knot in KNOTS_MPS.tolist()])
     for low, (slow, fast) in enumerate(pairwise(KNOTS_MPS.tolist())):
         expected = np.zeros(KNOTS_MPS.size)
         expected[low], expected[low + 1] = 0.75, 0.25
-        assert expected == pytest.approx(hats(slow + 0.25 * (fast - slow)))
-    assert np.array_equal(hats(0.0), hats(KNOTS_MPS[0]))
-    assert np.array_equal(hats(200.0), hats(KNOTS_MPS[-1]))
+        assert expected == pytest.approx(speed_weights(slow + 0.25 * (fast - slow)))
+    assert np.array_equal(speed_weights(0.0), speed_weights(KNOTS_MPS[0]))
+    assert np.array_equal(speed_weights(200.0), speed_weights(KNOTS_MPS[-1]))
 
 
 def test_hypotheses_of_another_size_begin_anew() -> None:
@@ -340,7 +340,7 @@ def test_hypotheses_of_another_size_begin_anew() -> None:
         np.arange(4.0 * n).reshape(n, 4), np.tile(np.eye(4), (n, 1, 1)), np.arange(float(n)), rows,
         *(rows, np.arange(n), 0.01 * np.arange(n), 0.001 * np.arange(n), 7),
     )  # fmt: skip
-    found = given.resized(-2.5)
+    found = given.only_resized(-2.5)
     assert ([1, 2, 1], [1, 3, 4], 7) == (found.row.tolist(), found.index.tolist(), found.samples)
     assert [-1.5, 0.5, 1.5] == found.log_weight.tolist()
     assert np.array_equal(given.change_m[[1, 3, 4]], found.change_m)

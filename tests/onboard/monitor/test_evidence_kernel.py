@@ -17,11 +17,11 @@ from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, by_array
 from tpmsd.onboard.monitor.evidence.sizes import (
     SizeHypotheses,
     TyreSizeChange,
-    array_sizes,
-    compiled_sizes,
-    no_sizes,
-    sizes_of,
+    size_rows,
+    unchanged_sizes,
     with_sizes,
+    with_sizes_by_arrays,
+    with_sizes_by_compiled,
 )
 
 SAME = 1e-9
@@ -72,10 +72,10 @@ def assert_alike(one: Verdict, other: Verdict) -> None:
 def test_changes_under_sizes_are_alike(wheels: tuple[int, ...], seed: int, every: bool) -> None:
     """Rows that count are the same ones, in the same order."""
     given = some_changes(wheels, 1 + seed, seed)
-    for sizes in (sizes_of(wheels), no_sizes(len(wheels))):
-        found = compiled_sizes(*given, sizes, every=every)
+    for sizes in (size_rows(wheels), unchanged_sizes(len(wheels))):
+        found = with_sizes_by_compiled(*given, sizes, every=every)
         assert found is not None
-        assert_sized_alike(array_sizes(*given, sizes, every=every), found)
+        assert_sized_alike(with_sizes_by_arrays(*given, sizes, every=every), found)
 
 
 @pytest.mark.parametrize("wheels", WHEELS)
@@ -84,12 +84,12 @@ def test_verdicts_are_alike(wheels: tuple[int, ...], seed: int) -> None:
     """One change and many, with resonances and without, of other tyres, with a limit of deviation; changes of
     which one is impossible."""
     change, covariance, weight, radius = some_changes(wheels, 1 + 2 * seed, seed)
-    sizes: TyreSizeChange | None = sizes_of(wheels)
-    given = with_sizes(change, covariance, weight, radius, sizes_of(wheels))
+    sizes: TyreSizeChange | None = size_rows(wheels)
+    given = with_sizes(change, covariance, weight, radius, size_rows(wheels))
     ratios = np.random.default_rng(seed).standard_normal(2 ** len(wheels) - 1)
     options = (None, ratios)[seed % 2], seed == 3
     if seed == 5:
-        sizes, given = None, SizeHypotheses.plain(change, covariance, weight)
+        sizes, given = None, SizeHypotheses.as_learned(change, covariance, weight)
         given = replace(given, log_weight=np.where(np.arange(weight.size) == 2, -np.inf, weight))
     for limit in (math.inf, 0.02):
         against = Comparison(radius, 0.006, *options, sizes, limit)
@@ -102,18 +102,20 @@ def test_a_covariance_that_is_none_is_left_to_arrays() -> None:
     """Compiled code factorises; it declines a matrix that has no factor."""
     change, covariance, weight, radius = some_changes((0, 1, 2, 3), 2, 1)
     covariance[1, 2, 2] = -1.0
-    assert compiled_sizes(change, covariance, weight, radius, no_sizes(4)) is None
-    assert Comparison(radius, 0.006).by_compiled(SizeHypotheses.plain(change, covariance, weight)) is None
+    assert with_sizes_by_compiled(change, covariance, weight, radius, unchanged_sizes(4)) is None
+    assert (
+        Comparison(radius, 0.006).by_compiled(SizeHypotheses.as_learned(change, covariance, weight)) is None
+    )
 
 
 def test_arrays_that_do_not_belong_together_are_declined() -> None:
     """A row that is not among the sizes would be read from beyond the table."""
     change, covariance, weight, radius = some_changes((0, 1, 2, 3), 2, 1)
-    given = replace(SizeHypotheses.plain(change, covariance, weight), row=np.array([0, 9]))
+    given = replace(SizeHypotheses.as_learned(change, covariance, weight), row=np.array([0, 9]))
     with pytest.raises(ValueError, match="belong together"):
         Comparison(radius, 0.006).by_compiled(given)
     with pytest.raises(ValueError, match="belong together"):
-        compiled_sizes(change, covariance, weight[:1], radius, no_sizes(4))
+        with_sizes_by_compiled(change, covariance, weight[:1], radius, unchanged_sizes(4))
 
 
 def some_windows(wheels: tuple[int, ...], count: int, seed: int, *, sized: bool) -> list[Window]:
@@ -123,11 +125,13 @@ def some_windows(wheels: tuple[int, ...], count: int, seed: int, *, sized: bool)
     windows = []
     for over in ("now", "minutes", "drive")[:count]:
         change, covariance, weight, radius = some_changes(wheels, 2, seed)
-        every = sizes_of(wheels) if sized else no_sizes(len(wheels))
+        every = size_rows(wheels) if sized else unchanged_sizes(len(wheels))
         sizes = every
         if over == "now" and sized:
-            sizes = every.since(with_sizes(change, covariance, weight, radius, every, every=True), 0.3)
-        judged = Comparison(radius, 0.006, None, False, sizes, 0.02).of_change_hypotheses(
+            sizes = every.rows_of_window(
+                with_sizes(change, covariance, weight, radius, every, every=True), 0.3
+            )
+        judged = Comparison(radius, 0.006, None, False, sizes, 0.02).compare_hypotheses(
             with_sizes(change, covariance, weight, radius, sizes)
         )
         believed = rng.choice([0.0, 0.4, 1.0], (judged.table.lost.shape[1], len(wheels)))

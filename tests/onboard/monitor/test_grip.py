@@ -12,7 +12,7 @@ from tests.onboard.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.alarms.judge import Judge
-from tpmsd.onboard.monitor.baseline.baseline import Change, TyreSetBaseline, typical
+from tpmsd.onboard.monitor.baseline.baseline import Change, TyreSetBaseline, least_disturbed_sample
 from tpmsd.onboard.monitor.baseline.reference import RadiusReference
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
@@ -92,14 +92,14 @@ def test_a_wheel_that_is_locked_for_seconds_is_not_what_twenty_seconds_have_seen
     off = np.zeros((20, 4))
     off[:, 0] = 1e-5 * np.arange(20)
     off[:6, 2], off[-6:, 1] = 40e-3, -20e-3
-    found = typical([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    found = least_disturbed_sample([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
     assert 6 <= round((found[0] - usual)[0] / 1e-5) < 14
     off[:, 1:] = 0.0
     off[12:, 3] = -2e-3
-    found = typical([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    found = least_disturbed_sample([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
     assert 0.0 == pytest.approx((found[0] - usual)[3], abs=1e-9)
     off[12:, 2] = -2e-3
-    found = typical([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    found = least_disturbed_sample([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
     assert -2e-3 == pytest.approx((found[0] - usual)[3], abs=1e-9)
 
 
@@ -165,8 +165,8 @@ def estimate(larger_m: float) -> RadiusEstimate:
 
 def test_two_driven_axles_slip_by_half_each() -> None:
     """Each transmits half of the force: a quarter of the variance, on four wheels."""
-    one = RadiusReference(VEHICLE).slip(MODELS["low grip"])
-    both = RadiusReference(replace(VEHICLE, driven_axle="all")).slip(MODELS["low grip"])
+    one = RadiusReference(VEHICLE).slip_covariance(MODELS["low grip"])
+    both = RadiusReference(replace(VEHICLE, driven_axle="all")).slip_covariance(MODELS["low grip"])
     assert np.diag(both) == pytest.approx(np.full(4, one[0, 0] / 4.0))
     assert one[0, 0] == pytest.approx(MODELS["low grip"].slip_std ** 2)
 

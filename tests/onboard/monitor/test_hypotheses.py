@@ -27,7 +27,7 @@ def judged(change: list[float], std: float = 3e-4, nuisance: Nuisance | None = N
     radius = np.full(4, RADIUS_M)
     nuisance = (nuisance or UNCOMPENSATED).covariance([0, 1, 2, 3], radius)
     against = Comparison(radius, THRESHOLD)
-    return against.of(np.array(change) * RADIUS_M, nuisance + np.eye(4) * (std * RADIUS_M) ** 2)
+    return against.compare(np.array(change) * RADIUS_M, nuisance + np.eye(4) * (std * RADIUS_M) ** 2)
 
 
 def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> FloatArray:
@@ -64,7 +64,7 @@ def test_the_share_beyond_the_limit_is_that_of_each_subset(times: float) -> None
     covariance = quiet.covariance([0, 1, 2, 3], radius) + np.eye(4) * (1e-3 * RADIUS_M) ** 2
     for index, members in enumerate(subsets(4)):
         pattern = np.isin(np.arange(4), members) * RADIUS_M
-        off = Comparison(radius, THRESHOLD, limit=limit).of(-times * limit * pattern, covariance).off
+        off = Comparison(radius, THRESHOLD, limit=limit).compare(-times * limit * pattern, covariance).off
         std = 1.0 / math.sqrt(pattern @ np.linalg.inv(covariance) @ pattern)
         beyond = 0.5 * math.erfc(-(times - 1.0) * limit / std / math.sqrt(2.0))
         assert off.shape == (15,)
@@ -79,8 +79,8 @@ def test_other_evidence_shifts_the_odds_of_every_loss_alike(count: int) -> None:
     radius, ratio = np.full(count, RADIUS_M), 0.7
     losses = 2**count - 1
     change, covariance = np.full(count, -0.004 * RADIUS_M), np.eye(count) * (1e-3 * RADIUS_M) ** 2
-    before = Comparison(radius, THRESHOLD).of(change, covariance)
-    after = Comparison(radius, THRESHOLD, np.full(losses, ratio)).of(change, covariance)
+    before = Comparison(radius, THRESHOLD).compare(change, covariance)
+    after = Comparison(radius, THRESHOLD, np.full(losses, ratio)).compare(change, covariance)
     intact, kept = float(before.intact.sum()), before.none
     total = kept + (1.0 - kept) * math.exp(ratio)
     assert float(after.intact.sum()) == pytest.approx(intact / total, rel=1e-9)
@@ -96,7 +96,7 @@ def test_two_wheels_against_numerical_integration(change: tuple[float, float]) -
     covariance = np.array([[3.0, 2.0], [2.0, 3.0]]) * 1e-6
     expected = integrated(np.array(change), covariance, THRESHOLD)
     radius = np.full(2, RADIUS_M)
-    found = Comparison(radius, THRESHOLD).of(np.array(change) * RADIUS_M, covariance * RADIUS_M**2)
+    found = Comparison(radius, THRESHOLD).compare(np.array(change) * RADIUS_M, covariance * RADIUS_M**2)
     assert expected == pytest.approx(found.deflated, abs=0.05)
 
 
@@ -157,7 +157,7 @@ def test_a_certain_loss_is_raised_though_its_size_is_not_known(loss: float, std:
     change, covariance = np.array([0.0, 0.0, -loss, 0.0]), np.eye(4) * 2e-4**2
     covariance[2, 2] = std**2
     radius = np.full(4, RADIUS_M)
-    verdict = Comparison(radius, THRESHOLD).of(change * RADIUS_M, covariance * RADIUS_M**2)
+    verdict = Comparison(radius, THRESHOLD).compare(change * RADIUS_M, covariance * RADIUS_M**2)
     assert raised == bool(verdict.deflated[2] >= 0.99)
 
 
@@ -167,7 +167,7 @@ def test_four_wheels_against_numerical_integration() -> None:
     covariance = Nuisance(common=0.002, axle=5e-4, side=3e-4, own=3e-4).covariance([0, 1, 2, 3], np.ones(4))
     for change in ([0.0, 0.0, 0.0, 0.004], [0.0, 0.0, -0.004, 0.0], [0.0, 0.006, 0.0, 0.0]):
         expected = integrated(np.array(change), covariance, THRESHOLD)
-        found = Comparison(radius, THRESHOLD).of(np.array(change) * RADIUS_M, covariance * RADIUS_M**2)
+        found = Comparison(radius, THRESHOLD).compare(np.array(change) * RADIUS_M, covariance * RADIUS_M**2)
         assert expected == pytest.approx(found.deflated, abs=0.06)
 
 
@@ -176,7 +176,7 @@ def test_of_a_pair_alone_the_smaller_wheel_has_lost() -> None:
     radius = np.full(2, RADIUS_M)
     nuisance = UNCOMPENSATED.covariance([2, 3], radius)
     half = np.array([-0.0025, 0.0025]) * RADIUS_M
-    verdict = Comparison(radius, THRESHOLD).of(half, nuisance + np.eye(2) * (3e-4 * RADIUS_M) ** 2)
+    verdict = Comparison(radius, THRESHOLD).compare(half, nuisance + np.eye(2) * (3e-4 * RADIUS_M) ** 2)
     assert verdict.deflated[0] > 0.99
 
 
@@ -261,7 +261,7 @@ def test_a_loss_of_all_four_by_five_standard_deviations_is_raised(loss: float, r
     and 2.6 for its size not being known; four fifths of it have 8.9."""
     std = 0.0042 / 5.2
     common = np.full((4, 4), std**2) + np.eye(4) * 1e-4**2
-    found = Comparison(np.ones(4), THRESHOLD).of(np.full(4, -loss), common)
+    found = Comparison(np.ones(4), THRESHOLD).compare(np.full(4, -loss), common)
     assert raised == bool(np.all(found.deflated >= 0.99))
 
 
@@ -296,5 +296,5 @@ def test_which_of_two_wheels_has_changed_is_identified_by_the_other_axle(
     radius = np.full(4, RADIUS_M)
     own = np.full((4, 4), 4e-4**2) + np.eye(4) * 1.2e-4**2
     covariance = JUDGE.nuisance.covariance([0, 1, 2, 3], radius) + own
-    verdict = Comparison(radius, THRESHOLD).of(np.array([0.0, 0.0, -smaller_m, larger_m]), covariance)
+    verdict = Comparison(radius, THRESHOLD).compare(np.array([0.0, 0.0, -smaller_m, larger_m]), covariance)
     assert raised == bool(verdict.deflated[2] > 0.99)

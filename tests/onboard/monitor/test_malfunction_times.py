@@ -135,11 +135,11 @@ def test_a_second_in_order_takes_back_what_was_counted() -> None:
 def test_a_wheel_is_lost_after_its_time_and_not_before() -> None:
     """More than thirty seconds without a value; a wheel that was never read is lost from the start."""
     ticks = Ticks()
-    assert [] == ticks.watch.received(ticks.time_s)
+    assert [] == ticks.watch.recently_valid(ticks.time_s)
     ticks.until("raised", max_s=5.0)
 
-    assert [0, 1, 2, 3] == ticks.watch.received(ticks.time_s + 30.0)
-    assert [] == ticks.watch.received(ticks.time_s + 30.1)
+    assert [0, 1, 2, 3] == ticks.watch.recently_valid(ticks.time_s + 30.0)
+    assert [] == ticks.watch.recently_valid(ticks.time_s + 30.1)
 
 
 @pytest.mark.parametrize(

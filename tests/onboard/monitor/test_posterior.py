@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
-from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange, sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange, size_rows, subsets, with_sizes
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 RADIUS_M, THRESHOLD, LIMIT = 0.31, 0.0025, 0.008
@@ -26,9 +26,9 @@ def verdict(
     sizes: TyreSizeChange | None = None,
 ) -> Verdict:
     """Of one account of the change, beside every size."""
-    radius, sizes = np.full(len(wheels), RADIUS_M), sizes or sizes_of(wheels)
+    radius, sizes = np.full(len(wheels), RADIUS_M), sizes or size_rows(wheels)
     against = Comparison(radius, THRESHOLD, sizes=sizes, limit=LIMIT)
-    return against.of_change_hypotheses(
+    return against.compare_hypotheses(
         with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes)
     )
 
@@ -37,15 +37,15 @@ def since(
     wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray, lost: float = 0.0
 ) -> TyreSizeChange:
     """Rows of a window before which this change was seen."""
-    sizes, radius = sizes_of(wheels), np.full(len(wheels), RADIUS_M)
+    sizes, radius = size_rows(wheels), np.full(len(wheels), RADIUS_M)
     seen = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes, every=True)
-    return sizes.since(seen, lost)
+    return sizes.rows_of_window(seen, lost)
 
 
 def test_a_window_knows_no_sizes_after_a_loss() -> None:
     """Before the window rr was 6 mm larger than the others. Where nothing was lost, rr has that size; as far
     as the others had lost air, the window has the sizes of the prior."""
-    spread, sizes = np.full((4, 4), 1e-3**2) + np.eye(4) * 2e-4**2, sizes_of(ALL)
+    spread, sizes = np.full((4, 4), 1e-3**2) + np.eye(4) * 2e-4**2, size_rows(ALL)
     change = np.array([0.0, 0.0, 0.0, 6e-3])
     sound, lost = since(ALL, change, spread), since(ALL, change, spread, 1.0)
     assert sound.log_prior[4] > -1e-3
@@ -53,7 +53,7 @@ def test_a_window_knows_no_sizes_after_a_loss() -> None:
     assert lost.mean[: lost.came + 1] == pytest.approx(sizes.mean, abs=1e-12)
     assert lost.variance[: lost.came + 1] == pytest.approx(sizes.variance, abs=1e-15)
     judged = verdict(ALL, np.array([0.0, 0.0, -6e-3, 0.0]), spread)
-    assert judged.table.lost_share == pytest.approx(1.0 - judged.none, abs=1e-2)
+    assert judged.table.lost_probability == pytest.approx(1.0 - judged.none, abs=1e-2)
 
 
 def members(d: int) -> FloatArray:
@@ -66,7 +66,7 @@ def enumerated(
 ) -> tuple[FloatArray, FloatArray]:
     """Probability of a deflation of each rear wheel, and of each row of sizes, by the joint density of what
     was seen before a window and in it: a loss began before both or with the window, and so did a size."""
-    sizes, d = sizes_of(REAR), 2
+    sizes, d = size_rows(REAR), 2
     intact = 1.0 - sum(JUDGE.prior_by_size[len(one) - 1] for one in subsets(d))
     noise = block_diag(*spread)
     every = np.concatenate(seen)

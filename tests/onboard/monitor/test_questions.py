@@ -58,7 +58,7 @@ def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
 
     def stands(probability: float, seconds: float) -> bool:
         for _ in range(round(seconds)):
-            questions.at_first((2, probability, "soft"), 1.0)
+            questions.update_first_start((2, probability, "soft"), 1.0)
             questions.update(None, 1.0, 0.0, said=False)
         return bool(questions.open)
 
@@ -156,10 +156,10 @@ def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() 
     for chance, wheels in ((0.6, ("fr",)), (0.1, ())):
         questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
-            questions.at_first((1, chance, "2.1 mm smaller"), 1.0)
+            questions.update_first_start((1, chance, "2.1 mm smaller"), 1.0)
             questions.update(None, 1.0, float(second), said=False)
         questions.update(found(0.0), 1.0, 999.0, said=False)
         assert wheels == (questions.open[0].wheels if questions.open else ())
         assert all("fr is 2.1 mm smaller?" == one.question for one in questions.open)
-    questions.forget()
+    questions.close_all()
     assert () == questions.open

@@ -31,9 +31,9 @@ class Watched:
     def __post_init__(self) -> None:
         self._watch = SignalWatch(self.settings, ALL)
 
-    def car_states(self, kmh: int) -> None:
+    def note_car_speed(self, kmh: int) -> None:
         """The car states its speed over OBD-II."""
-        self._watch.car.state(kmh)
+        self._watch.car.note_stated(kmh)
 
     @property
     def standing(self) -> tuple[AlarmEvent, ...]:

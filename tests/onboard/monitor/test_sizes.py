@@ -13,10 +13,16 @@ from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict, severity
-from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, no_sizes, sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.evidence.sizes import (
+    SizeHypotheses,
+    size_rows,
+    subsets,
+    unchanged_sizes,
+    with_sizes,
+)
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
-SIZES = sizes_of((0, 1, 2, 3))
+SIZES = size_rows((0, 1, 2, 3))
 ROWS = range(1, len(SIZES.mean))
 LIMIT = MonitorConfig().deviation_percent / 100.0
 COVARIANCE_M2 = JUDGE.nuisance.covariance(WHEELS, RADIUS) + (3e-4**2 + 1.5e-4**2 * np.eye(4))
@@ -26,7 +32,7 @@ CHANGES_MM = [(0.0, 0.0, 4.2, 0.2), (5.0, 5.5, 0.0, 0.0), (3.6, 5.0, 5.0, 5.1), 
 
 def verdict_of(change_m: FloatArray, covariance_m2: FloatArray = COVARIANCE_M2) -> Verdict:
     change_hypotheses = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), RADIUS, SIZES)
-    return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).of_change_hypotheses(change_hypotheses)
+    return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).compare_hypotheses(change_hypotheses)
 
 
 @pytest.mark.parametrize("row", ROWS)
@@ -109,14 +115,14 @@ def test_without_another_size_it_is_the_comparison_of_losses(seed: int) -> None:
     bank = ChangeBank(reference.copy(), np.zeros((4, 4)))
     for speed in SPEEDS[:12]:
         row = reference.features(at(float(speed)))
-        bank.update(row @ reference.mean + rng.normal(0.0, 8e-4, 4), noise, row, 0.0, no_sizes(4))
-    found = bank.changes(no_sizes(4))
+        bank.update(row @ reference.mean + rng.normal(0.0, 8e-4, 4), noise, row, 0.0, unchanged_sizes(4))
+    found = bank.changes(unchanged_sizes(4))
     change, covariance = found.change[0, :1] * RADIUS, found.covariance[0, :1] * RADIUS_M**2
     against = Comparison(RADIUS, THRESHOLD, sizes=SIZES)
     both = [
-        Comparison(RADIUS, THRESHOLD).of(change[0], covariance[0]),
-        against.of_change_hypotheses(
-            SizeHypotheses.plain(change, covariance, bank.log_likelihood + found.log_weight[0, :1])
+        Comparison(RADIUS, THRESHOLD).compare(change[0], covariance[0]),
+        against.compare_hypotheses(
+            SizeHypotheses.as_learned(change, covariance, bank.log_likelihood + found.log_weight[0, :1])
         ),
     ]
     for name in ("deflated", "loss_m", "none"):
@@ -210,5 +216,5 @@ def test_wheels_changed_front_to_rear_have_lost_nothing(sign: float) -> None:
 
 def test_of_a_pair_no_single_wheel_is_larger() -> None:
     """Nothing tells there which of the two has changed: only both are of another size."""
-    assert [[0.0, 0.0], [1.0, 1.0]] == sizes_of((2, 3)).pattern.tolist()
+    assert [[0.0, 0.0], [1.0, 1.0]] == size_rows((2, 3)).pattern.tolist()
     assert VEHICLE.driven_axle == "front"

@@ -249,9 +249,9 @@ def test_what_grip_leaves_of_a_loss(model: str, lost: tuple[int, ...], left: flo
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
     change = np.zeros(4)
     change[list(lost)] = -3e-3
-    verdict = Comparison(RADIUS, 0.0025).of(change, 1e-4**2 * np.eye(4))
+    verdict = Comparison(RADIUS, 0.0025).compare(change, 1e-4**2 * np.eye(4))
     large = np.exp(verdict.table.large - verdict.table.log_total)
-    found = large.sum(axis=0) @ judge._trusted_of_drive({"as learned": 0.2, model: 0.8})
+    found = large.sum(axis=0) @ judge._drive_loss_fraction({"as learned": 0.2, model: 0.8})
     expected = np.zeros(4)
     expected[list(lost)] = left
     assert found == pytest.approx(expected, abs=1e-3)
@@ -259,9 +259,9 @@ def test_what_grip_leaves_of_a_loss(model: str, lost: tuple[int, ...], left: flo
 
 def test_what_a_known_car_does_on_a_slippery_road_is_not_learned() -> None:
     found = judged(np.zeros((30, 4)), 2.2, 3)
-    assert not found.trusted(settled=True)
-    assert found.trusted(settled=False)
-    assert judged(np.zeros((30, 4)), 1.0, 3).trusted(settled=True)
+    assert not found.may_learn(settled=True)
+    assert found.may_learn(settled=False)
+    assert judged(np.zeros((30, 4)), 1.0, 3).may_learn(settled=True)
 
 
 @pytest.mark.parametrize(("low", "learns"), [(0.2, True), (0.7, False)])
@@ -270,8 +270,8 @@ def test_a_settled_car_learns_nothing_where_the_road_is_probably_slippery(low: f
     learns in either case."""
     models = {"as learned": 1.0 - low, "low grip": 0.5 * low, "loose ground": 0.5 * low}
     found = replace(Judgement.unknown(), suspicion=0.0, drive_models=models)
-    assert learns == found.trusted(settled=True)
-    assert found.trusted(settled=False)
+    assert learns == found.may_learn(settled=True)
+    assert found.may_learn(settled=False)
 
 
 def test_settings_are_those_of_the_source() -> None:

@@ -60,7 +60,7 @@ def drive(baseline: TyreSetBaseline, driven: str, slope: float, seconds: float, 
         if baseline.ready and (changes := baseline.changes(estimate, judge.nuisance_m2)) is not None:
             baseline.observe(estimate, judge.nuisance_m2)
             judged = judge.judge(*changes, change_hypotheses=baseline.change_hypotheses(alarm_active=False))
-        baseline.learn(estimate, judge.nuisance_m2, judged.trusted(baseline.settled), 1.0)
+        baseline.learn(estimate, judge.nuisance_m2, judged.may_learn(baseline.settled), 1.0)
     return judged
 
 

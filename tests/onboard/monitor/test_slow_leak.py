@@ -55,18 +55,18 @@ def test_a_reading_is_the_mean_of_samples_taken_at_their_interval() -> None:
     reading, at the latest when it is over, as precise as one sample."""
     reading, due = DriveReading(), []
     for second in range(round(READINGS.warm_s + READINGS.min_s) + 2):
-        if reading.due(1.0):
+        if reading.add_driving(1.0):
             due.append(float(second))
             reading.add(np.full(3, float(len(due))), np.full(3, 4.0))
     assert due[0] == math.ceil(READINGS.warm_s) - 1
     assert set(np.diff(due)) == {math.ceil(READINGS.sample_s)}
-    assert reading.result(over=False) is None
-    result = reading.result(over=True)
+    assert reading.take_reading(over=False) is None
+    result = reading.take_reading(over=True)
     assert result is not None
     assert result[0].tolist() == [(len(due) + 1) / 2.0] * 3
     assert result[1].tolist() == [4.0] * 3
-    assert reading.result(over=True) is None
-    assert not reading.due(READINGS.sample_s)
+    assert reading.take_reading(over=True) is None
+    assert not reading.add_driving(READINGS.sample_s)
 
 
 def test_the_watch_takes_samples_when_they_are_due() -> None:
@@ -479,11 +479,11 @@ def test_a_leak_is_noticed_over_restarts_and_resets(
     assert pytest.approx(3.0, abs=3.0 * notice.rate_std_percent_per_week) == notice.rate_percent_per_week
     low = datetime.fromtimestamp(START_S + (5 + 20.0 / (3.0 + TREND.diffusion[0]) * 7.0) * DAY_S, UTC).date()
     assert notice.low_between[0] <= low.isoformat() <= notice.low_between[1]
-    assert {"rate_percent_per_week", "low_on"} <= notice.additions().keys()
+    assert {"rate_percent_per_week", "low_on"} <= notice.additional_keys().keys()
     assert WheelState.MONITORING is player.last.wheels[2].state
 
     player = restarted(state)
-    assert [notice.additions()] == [event.additions() for event in notices(player)]
+    assert [notice.additional_keys()] == [event.additional_keys() for event in notices(player)]
     mended = days_of_driving(player, 42, 40, 0.0, np.random.default_rng(7))
     assert [("slow_leak", "rl", "cleared")] == said(mended)
 
@@ -535,5 +535,5 @@ def test_a_leak_goes_on_by_the_readings_of_the_last_days_that_had_any() -> None:
             history.add(20_000.0 + 2 * day + hour / 24.0, np.zeros(3), np.full(3, 1e-8))
     last = [20_000.0 + 2 * day + hour / 24.0 for day in range(3, days) for hour in (8.0, 17.0)]
 
-    assert last == [one.day for one in history.last_since(0.0)]
-    assert last[3:] == [one.day for one in history.last_since(last[3])]
+    assert last == [one.day for one in history.recent_readings(0.0)]
+    assert last[3:] == [one.day for one in history.recent_readings(last[3])]

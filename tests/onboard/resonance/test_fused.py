@@ -34,7 +34,7 @@ RL_SOFT = ResonanceEvidence((0, 1, 2, 3), {one: 4.0 * ((2,) == one) for one in [
 def of_one_wheel(log_ratios: FloatArray | None) -> Verdict:
     """Of a wheel of 0.3 m that is 1.2 +- 0.2 mm smaller, with the resonance beside the radii."""
     comparison = Comparison(np.array([0.3]), 0.0025, log_ratios)
-    return comparison.of(np.array([-0.0012]), np.array([[4e-8]]))
+    return comparison.compare(np.array([-0.0012]), np.array([[4e-8]]))
 
 
 def test_a_log_ratio_is_added_to_the_odds_of_the_radii() -> None:

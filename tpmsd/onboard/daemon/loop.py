@@ -185,7 +185,7 @@ class Daemon:
     def document(self) -> dict[str, Any]:
         """Return the status document as it is now."""
         document = self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
-        own = self._own.status(self._pipeline.monitor.car_speed())
+        own = self._own.status(self._pipeline.monitor.car_speed_agreement())
         return {**self._provenance, **document, **own}
 
     def explain(self) -> dict[str, Any]:

@@ -133,8 +133,9 @@ class DriveEvidenceSettings:
     """Keeps the information of an onset from being singular, relative to its largest part."""
 
     @property
-    def loads(self) -> tuple[str, ...]:
-        """Drive models that hide a loss and in which no wheel slips: another load, a trailer."""
+    def load_models(self) -> tuple[str, ...]:
+        """Names of the drive models that hide a loss by another load or a trailer, in which no wheel
+        slips."""
         return tuple(model.name for model in self.models if model.hides and model.name not in self.slipping)
 
 

@@ -60,7 +60,7 @@ class Monitor:
         self._vehicle, self._settings, self._tyre = vehicle, settings, tyre or TyreConfig()
         self._judge = Judge(vehicle, settings, self._tyre, self._wheels)
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
-        self._sets.baseline.begin_calibrated(calibration or CalibrationConfig())
+        self._sets.baseline.start_from_calibration(calibration or CalibrationConfig())
         self._grid = np.ix_(self._wheels, self._wheels)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
@@ -101,7 +101,7 @@ class Monitor:
 
     @property
     def baseline(self) -> TyreSetBaseline:
-        """The baseline that counts."""
+        """Baseline of the set of tyres that is driven."""
         return self._sets.baseline
 
     @property
@@ -120,7 +120,7 @@ class Monitor:
         return self._questions.open
 
     def learning(self) -> LearningReport:
-        """Report of what is learned, of which tyres."""
+        """Return the report of what is learned, and for which tyres."""
         return self._sets.report()
 
     # -- per tick --------------------------------------------------------------------------------------------
@@ -132,8 +132,8 @@ class Monitor:
         resonance: ResonanceEvidence | None = None,
         agreement: Agreement = AGREED,
     ) -> MonitorReport:
-        """Take one tick, its estimate, and what the resonances say if they are listened to. Without the
-        `agreement` of wheels and receiver no tyre is judged and nothing is learned."""
+        """Update by one tick, its estimate, and the evidence of the resonances if they are used; return the
+        report. Without the `agreement` of wheels and receiver no tyre is judged and nothing is learned."""
         self._resonance = resonance
         if (mounted := self._sets.mounted.update(tick)) not in (None, self._sets.name):
             self.reset(mounted)
@@ -144,12 +144,12 @@ class Monitor:
         self._trusted = agreement.trusted and not contradicted
         self._since_seen_s += tick.dt_s
         self._encoders.update(tick)
-        events = self._signals.update(tick, estimate, self._watching(), agreement)
-        events += self._announce_taken_back(tick, estimate)
+        events = self._signals.update(tick, estimate, self._watch_state(), agreement)
+        events += self._withdrawal_events(tick, estimate)
         self._sets.update(tick, estimate)
         if not self._trusted:
             self._judged = Judgement.unknown()
-            self._sets.judging.forget_recent()
+            self._sets.comparison_baseline.forget_recent()
         elif estimate.informative:
             self._since_judged_s += tick.dt_s
             if self._since_judged_s >= JUDGE.every_s:
@@ -167,16 +167,17 @@ class Monitor:
             questions=self.questions,
         )
 
-    def car_states(self, kmh: int) -> None:
-        """Note that a control unit of the car states its speed (OBD-II), 0 to 255 km/h."""
-        self._signals.car.state(kmh)
+    def note_car_speed(self, kmh: int) -> None:
+        """Record that a control unit of the car states its speed (OBD-II), 0 to 255 km/h."""
+        self._signals.car.note_stated(kmh)
 
-    def car_speed(self) -> dict[str, Any]:
-        """Return whether wheels and receiver agree with the car's own speed (status); null: not known."""
+    def car_speed_agreement(self) -> dict[str, Any]:
+        """Return whether wheels and receiver agree with the car's own speed, for the status; None: not
+        known."""
         received = self._signals.car.received
         return {"wheels_agree": received.wheels, "receiver_agrees": received.receiver}
 
-    def _watching(self) -> WatchState:
+    def _watch_state(self) -> WatchState:
         """Return the state of the monitor that malfunctions depend on."""
         can_detect = self._since_seen_s <= JUDGE.seen_fresh_s
         return WatchState(
@@ -184,23 +185,23 @@ class Monitor:
         )
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
-        """Judge a second of driving, decide on a reset, learn."""
+        """Judge a second of driving, decide on a reset and learn; return the events of alarms."""
         events: list[AlarmEvent] = []
         if math.isinf(estimate.gnss_age_s):
             estimate = self._without_level(estimate)
         trusted = False
-        judging = self._sets.judging
+        judging = self._sets.comparison_baseline
         if judging.ready:
             changes = judging.changes(estimate, self._judge.nuisance_m2)
             if changes is None:
                 return []
             judging.observe(estimate, self._judge.nuisance_m2)
             drive = judging.change_hypotheses(alarm_active=bool(self._active))
-            before = judging.before(changes[0]), judging.before(changes[1])
+            before = judging.change_before(changes[0]), judging.change_before(changes[1])
             others = self._sets.other_tyres
             self._judged = self._judge.judge(*changes, self._resonance, others, drive, before)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
-            trusted = self._judged.trusted(judging.settled) and not self._active
+            trusted = self._judged.may_learn(judging.settled) and not self._active
             soft_before, min_hold_s = self._first.reported, self._judged.min_hold_s
             for (kind, wheel), alarm in self._alarms.items():
                 if wheel in soft_before:
@@ -213,16 +214,16 @@ class Monitor:
                     events.append(self._tyre_event(kind, wheel, transition, probability, tick, estimate))
                     judging.note_transition(self._judged.change_index if transition == "raised" else None)
         events += self._judge_first(tick, estimate, elapsed_s)
-        self._ask(elapsed_s, tick.host_time_s)
+        self._update_questions(elapsed_s, tick.host_time_s)
         sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
         self.baseline.learn(estimate, self._judge.nuisance_m2, sound, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
-            self._take_back()
+            self._withdraw_alarms()
         self._learning = self.learning()
         return events
 
     def _without_level(self, estimate: RadiusEstimate) -> RadiusEstimate:
-        """Return the estimate with what all wheels have in common unknown.
+        """Return the estimate with the level common to all wheels unknown: its variance is raised.
 
         Before the first fix nothing measures it: an estimator then holds its prior, and small errors of the
         wheels and the gyro that all have one sign move it far in some minutes.
@@ -232,13 +233,13 @@ class Monitor:
         return estimate._replace(covariance_m2=estimate.covariance_m2 + level_m2)
 
     def _judge_first(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
-        """Hold the first radii of a car against what cars have."""
+        """Compare the first radii of a car with those of cars in general; return the events of alarms."""
         deviation, spread = estimate.deviation_m[self._wheels], estimate.covariance_m2[self._grid]
-        if not (self._sets.is_first(bool(self._first.reported)) and np.isfinite(deviation).all()):
+        if not (self._sets.is_first_learning(bool(self._first.reported)) and np.isfinite(deviation).all()):
             return []
         events = []
         ordinary = {wheel for (_, wheel), event in self._active.items() if not event.since}
-        changed = self._first.changed(self._judged.change_m, ordinary)
+        changed = self._first.changed_axles(self._judged.change_m, ordinary)
         for transition in self._first.update(deviation, spread, elapsed_s, changed):
             pressure, pressure_std = math.nan, math.nan
             if transition.kind is AlarmKind.DEFLATION and transition.state == "raised":
@@ -261,14 +262,15 @@ class Monitor:
             events.append(event)
         return events
 
-    def _ask(self, elapsed_s: float, time_s: float) -> None:
-        """Ask what this second of driving leaves open; nothing of tyres that may be others."""
-        if self._sets.is_first(bool(self._first.reported)):
-            self._questions.at_first(self._first.suspected, elapsed_s)
+    def _update_questions(self, elapsed_s: float, time_s: float) -> None:
+        """Update the questions by this second of driving; without the judgement where tyres may be others."""
+        if self._sets.is_first_learning(bool(self._first.reported)):
+            self._questions.update_first_start(self._first.suspected, elapsed_s)
         found = None if self._sets.other_tyres else self._judged
         self._questions.update(found, elapsed_s, time_s, said=bool(self._active))
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
+        """Return the probability of a deflation or of a deviation of a wheel, by the last judgement."""
         judged = self._judged
         return float((judged.deflated if kind is AlarmKind.DEFLATION else judged.deviates)[wheel])
 
@@ -281,17 +283,19 @@ class Monitor:
         tick: Tick,
         estimate: RadiusEstimate,
     ) -> AlarmEvent:
+        """Return the event of an alarm that is raised or cleared, and add it to the active ones or remove
+        it."""
         judged = self._judged
         change, std = float(judged.change_m[wheel]), float(judged.change_std_m[wheel])
         pressure, pressure_std = float(judged.pressure_loss[wheel]), float(judged.pressure_loss_std[wheel])
-        since = f"since {self._sets.judging.origin}"
+        since = f"since {self._sets.comparison_baseline.origin}"
         if kind is AlarmKind.DEFLATION:
             reason = (
                 f"lost {1e3 * float(judged.loss_m[wheel]):.1f} mm of radius {since}, "
                 f"about {100 * pressure:.0f} +- {100 * pressure_std:.0f} % of its pressure "
                 f"(probability {probability:.3f})"
             )
-            if judged.all_monitored and transition == "raised":
+            if judged.all_lost and transition == "raised":
                 reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm {since}"
@@ -310,7 +314,8 @@ class Monitor:
     # -- resets ----------------------------------------------------------------------------------------------
 
     def reset(self, tyres: str | None = None) -> tuple[bool, str]:
-        """Learn the radii again, or change to the set `tyres`; whether it was taken up, and why (not)."""
+        """Learn the radii again, or change to the set `tyres`; return whether it was accepted, and the
+        reason."""
         active = [WHEELS[w] for kind, w in self._active if kind is AlarmKind.DEFLATION]
         before = self._sets.baseline
         taken, reason = self._sets.request(tyres, active)
@@ -321,22 +326,24 @@ class Monitor:
             for alarm in self._alarms.values():
                 alarm.hold_elapsed_s = 0.0
             if self._sets.state == "accepted":
-                self._take_back()
+                self._withdraw_alarms()
         self._learning = self.learning()
         return taken, reason
 
-    def _take_back(self) -> None:
-        """Other radii are normal now: alarms that stood against the old ones are to be taken back."""
+    def _withdraw_alarms(self) -> None:
+        """Reset judgement, questions and alarms, as other radii are normal now; active alarms are to be
+        announced as withdrawn."""
         self._judged = Judgement.unknown()
-        self._questions.forget()
+        self._questions.close_all()
         self._first.restore_reported(())
         for key, alarm in self._alarms.items():
             alarm.active, alarm.hold_elapsed_s = False, 0.0
             if key in self._active:
                 self._taken_back.append(key)
 
-    def _announce_taken_back(self, tick: Tick, estimate: RadiusEstimate) -> list[AlarmEvent]:
-        """Events for what a reset has taken back: no alarm goes without a word."""
+    def _withdrawal_events(self, tick: Tick, estimate: RadiusEstimate) -> list[AlarmEvent]:
+        """Return the cleared events of alarms that a reset has withdrawn, and remove these from the active
+        ones."""
         events = []
         for kind, wheel in self._taken_back:
             if self._active.pop((kind, wheel), None) is None:
@@ -360,14 +367,15 @@ class Monitor:
         pressure_loss: tuple[float, float] = (math.nan, math.nan),
         since: str = "",
     ) -> AlarmEvent:
-        """Return the alarm of a wheel at this moment; `pressure_loss`: share and its standard deviation."""
+        """Return the event of an alarm of a wheel at this moment; `pressure_loss`: share and its standard
+        deviation."""
         return AlarmEvent(
             time_s=tick.host_time_s,
             kind=kind,
             wheel=WHEELS[wheel],
             state=state,
             deviation_m=float(estimate.deviation_m[wheel]),
-            std_m=_std(float(estimate.covariance_m2[wheel, wheel]) + self._scale_m2[wheel]),
+            std_m=_sqrt_or_nan(float(estimate.covariance_m2[wheel, wheel]) + self._scale_m2[wheel]),
             probability=probability,
             reason=reason,
             pressure_loss=pressure_loss[0],
@@ -376,9 +384,10 @@ class Monitor:
         )
 
     def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
+        """Return the report of each of four wheels at a tick."""
         if self._cached[0] is not self._judged:
             self._cached = (self._judged, self._judged.by_wheel())
-        watched: Sequence[int] = () if self._signals.unusable else self._signals.received(tick.time_s)
+        watched: Sequence[int] = () if self._signals.unusable else self._signals.recently_valid(tick.time_s)
         sound = WheelState.LEARNING
         if self.baseline.ready and not self._sets.undecided:
             sound = WheelState.MONITORING
@@ -390,7 +399,7 @@ class Monitor:
             for wheel, off_m in enumerate(deviation):
                 if wheel not in watched or not math.isfinite(off_m):
                     states[wheel] = WheelState.UNAVAILABLE
-        std = [_std(known + scale) for known, scale in zip(variance, self._scale_m2, strict=True)]
+        std = [_sqrt_or_nan(known + scale) for known, scale in zip(variance, self._scale_m2, strict=True)]
         if not self._trusted:
             deviation = std = [math.nan] * 4
         make, rows = WheelReport._make, zip(WHEELS, states, deviation, std, self._cached[1], strict=True)
@@ -401,7 +410,7 @@ class Monitor:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Baselines, active tyre alarms and malfunctions of missing signals as plain numbers."""
+        """Return baselines, active tyre alarms and malfunctions of missing signals as plain numbers."""
         return {
             "sets": self._sets.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
@@ -411,7 +420,7 @@ class Monitor:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it does not fit (then nothing is taken up).
+        """Restore a snapshot; ValueError if it does not fit (then nothing is restored).
 
         What was learned before is forgotten. Alarms stand again until driving clears them.
         """
@@ -447,5 +456,5 @@ class Monitor:
         self._learning = self.learning()
 
 
-def _std(variance: float) -> float:
+def _sqrt_or_nan(variance: float) -> float:
     return math.sqrt(variance) if variance >= 0.0 else math.nan

@@ -92,8 +92,8 @@ class AlarmEvent:
     low_between: tuple[str, str] = ("", "")
     """Interval of 95 % of that day."""
 
-    def additions(self) -> dict[str, Any]:
-        """Keys that only some alarms have in JSON documents."""
+    def additional_keys(self) -> dict[str, Any]:
+        """Return the keys, with their values, that only some alarms have in JSON documents."""
         out: dict[str, Any] = {"since": self.since} if self.since else {}
         if self.kind is AlarmKind.SLOW_LEAK:
             out |= {

@@ -26,5 +26,5 @@ def alarm_entry(alarm: AlarmEvent, start_s: float | None = None) -> dict[str, An
         "pressure_loss_std_percent": finite(100.0 * alarm.pressure_loss_std),
         **({} if start_s is None else {"drive_time_s": finite(alarm.time_s - start_s)}),
         "reason": alarm.reason,
-        **alarm.additions(),
+        **alarm.additional_keys(),
     }

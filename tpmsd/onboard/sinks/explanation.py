@@ -20,9 +20,9 @@ from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import Agreement
 from tpmsd.onboard.monitor.alarms.judge import ComparisonResult, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.evidence.contrasts import contrasts, gains
+from tpmsd.onboard.monitor.evidence.contrasts import contrast_gains, contrast_rows
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
-from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange, sizes_of, subsets
+from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange, size_rows, subsets
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
@@ -137,7 +137,7 @@ class Explanation:
                 "state": event.state,
                 "reason": event.reason,
                 "probability": _number(event.probability),
-                **event.additions(),
+                **event.additional_keys(),
                 "before_mm": before,
                 "evidence": evidence,
                 "alternatives": self._alternatives(),
@@ -184,7 +184,10 @@ class Explanation:
         wheels: dict[str, Any] = {}
         for wheel in self._wheels:
             name = WHEELS[wheel]
-            wheels[name] = {"state": states[name], **self._wheel_entry(wheel, sets.judging.origin)}
+            wheels[name] = {
+                "state": states[name],
+                **self._wheel_entry(wheel, sets.comparison_baseline.origin),
+            }
         return {
             "time": _number(self._time_s),
             "alarms": list(self._alarms),
@@ -275,8 +278,8 @@ class Explanation:
                 "change_std_mm": _mm(float(judgement.change_std_m[wheel])),
                 "probability": _number(float(judgement.deflated[wheel])),
             }
-        finding, rows = judged.finding, contrasts(self._wheels)
-        adds = gains(rows, finding.change_m, finding.covariance_m2, -finding.verdict.best_loss_m)
+        finding, rows = judged.finding, contrast_rows(self._wheels)
+        adds = contrast_gains(rows, finding.change_m, finding.covariance_m2, -finding.verdict.best_loss_m)
         contrast_changes = {
             name: {
                 "change_mm": _mm(float(row @ change.change_m)),
@@ -357,7 +360,7 @@ class Explanation:
             out.append(
                 "more driving: what both tyres of an axle or all four do is judged by the drive as a whole"
             )
-        loaded = sum(judgement.drive_models.get(name, 0.0) for name in DRIVE_EVIDENCE.loads)
+        loaded = sum(judgement.drive_models.get(name, 0.0) for name in DRIVE_EVIDENCE.load_models)
         if loaded > self._settings.clear_probability:
             out.append("a drive with the usual load and no trailer: what is left then is the tyres'")
         if judgement.slippery > self._settings.clear_probability:
@@ -368,7 +371,7 @@ class Explanation:
 
     def _resized(self, bank: Posterior) -> list[dict[str, Any]]:
         """Wheels of another size; beside it a tyre may have lost air all the same."""
-        sizes = sizes_of(tuple(self._wheels))
+        sizes = size_rows(tuple(self._wheels))
         out = []
         for row in range(1, len(bank.sizes)):  # none while a set is learned beside another
             names = [WHEELS[self._wheels[k]] for k in np.flatnonzero(sizes.pattern[row])]

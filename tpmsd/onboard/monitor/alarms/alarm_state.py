@@ -12,7 +12,7 @@ from typing import Literal
 
 @dataclass(slots=True)
 class Hysteresis:
-    """One alarm's memory."""
+    """State of one alarm: active or not, and for how long a change of that has been due."""
 
     raise_at: float
     clear_at: float
@@ -28,7 +28,8 @@ class Hysteresis:
         min_hold_s: float = 0.0,
         possible: float | None = None,
     ) -> Literal["raised", "cleared"] | None:
-        """Take the probability that held for `elapsed_s`; the change it brings, if any.
+        """Update by a probability that held for `elapsed_s`; return the transition that it completes, else
+        None.
 
         `min_hold_s`: an alarm that is not raised yet has to last for so long at least. `possible`: of that,
         or of what looks the same for a while, which keeps an alarm but raises none; None: the same.

@@ -27,9 +27,9 @@ from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterio
 from tpmsd.onboard.monitor.evidence.sizes import (
     SizeHypotheses,
     TyreSizeChange,
-    no_sizes,
-    sizes_of,
+    size_rows,
     subsets,
+    unchanged_sizes,
     with_sizes,
 )
 from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, ChangeSinceStart
@@ -104,32 +104,31 @@ class Judgement:
         return None if self.detectability is None else self.detectability.losses()
 
     @property
-    def all_monitored(self) -> bool:
-        """True if all wheels have probably lost air, which only the receiver tells from none."""
+    def all_lost(self) -> bool:
+        """True if all wheels have probably lost air, which only the receiver's speed tells from no loss."""
         return self.posterior is not None and float(self.posterior.subsets[-1]) > JUDGE.undecided
 
     @property
     def min_hold_s(self) -> float:
         """Time for which an alarm must last before it is sent, s. One of all wheels rests on the receiver's
         speed alone, and waits until that speed was compared with the receiver's own positions."""
-        return JUDGE.all_hold_s if self.all_monitored else 0.0
+        return JUDGE.all_hold_s if self.all_lost else 0.0
 
     @property
     def slippery(self) -> float:
         """Probability that wheels slip on this drive as they have not before."""
-        return Grip.low(self.drive_models)
+        return Grip.low_grip_probability(self.drive_models)
 
-    def trusted(self, settled: bool) -> bool:
-        """Return whether the baseline may learn; `settled`: whether it has been learned once. Nothing is
-        learned on a slippery drive of a car that is known.
-        """
+    def may_learn(self, settled: bool) -> bool:
+        """Return whether the baseline may learn; `settled`: it has been learned once. Nothing is learned on a
+        slippery drive of a car that is known."""
         if settled and self.slippery > JUDGE.undecided:
             return False
         return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)
 
     def by_wheel(self) -> list[tuple[float, ...]]:
-        """For each of four wheels its change, standard deviation, probabilities of a deflation and of a
-        deviation (0 where nothing was judged), lost pressure and standard deviation."""
+        """Return for each of four wheels its change, standard deviation, probabilities of a deflation and of
+        a deviation (0 where nothing was judged), lost pressure and standard deviation."""
         deflated, deviates = (
             [0.0 if math.isnan(chance) else chance for chance in chances.tolist()]
             for chances in (self.deflated, self.deviates)
@@ -140,13 +139,13 @@ class Judgement:
 
     @classmethod
     def unknown(cls) -> Judgement:
-        """Before anything was judged."""
+        """Return the judgement before anything was judged: all NaN, of infinite suspicion."""
         nan = np.full(4, math.nan)
         return cls(nan, nan, nan, nan, nan, nan, nan, nan, math.inf)
 
 
 class Judge:
-    """Thresholds and tyres of one car."""
+    """Judges the changes of one car's radii by its thresholds and tyres."""
 
     def __init__(
         self,
@@ -171,13 +170,13 @@ class Judge:
         self._asked = settings.raise_probability
         self._grip = Grip(vehicle, wheels, self._radius)
         self._limit = settings.deviation_percent / 100.0
-        self._sizes = sizes_of(tuple(wheels))
+        self._sizes = size_rows(tuple(wheels))
         lasting = nuisance.averaged(DRIVE_EVIDENCE.lasting_share)
         self._lasting_m2 = lasting.covariance(wheels, self._radius)
         """(d, d) nuisance that lasts all drive long."""
         self._of_beginning: deque[tuple[ChangeSinceStart, TyreSizeChange]] = deque(maxlen=2)
         """Rows of sizes by what was before each of two windows."""
-        self._apart = _apart(wheels)
+        self._apart = _distinguishable_members(wheels)
         members = [
             [float(index in subset) for index in range(len(wheels))] for subset in subsets(len(wheels))
         ]
@@ -200,25 +199,26 @@ class Judge:
         change_hypotheses: ChangeHypotheses | None = None,
         before: tuple[ChangeSinceStart | None, ChangeSinceStart | None] = (None, None),
     ) -> Judgement:
-        """Judge both changes; what either says of a wheel counts. `resonance` is evidence independent of the
-        radii. `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough;
-        `before`: what it said before each change.
+        """Return the judgement of the change now and of the mean change over the last minutes; what either
+        says of a wheel counts. `resonance` is evidence independent of the radii. `change_hypotheses`: those
+        of the drive as a whole, None while it is too short; `before`: the change by the samples before each
+        of the two changes.
 
         `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
         then no loss, but one wheel that stands out is.
         """
         nuisance_m2 = self.nuisance_m2 + self._other_tyres_m2(other_tyres)
-        ratios = self._ratios(resonance)
+        ratios = self._resonance_log_ratios(resonance)
         averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_covariance_of_mean_m2(mean.samples)
-        against = [self._against(ratios, other_tyres, one) for one in before]
+        against = [self._comparison(ratios, other_tyres, one) for one in before]
         of_drive: ComparisonResult | None = None
         models: dict[str, float] = {}
         similar: Weighed | None = None
         if change_hypotheses is not None:
-            of_drive, models, similar = self._of_drive(change_hypotheses, ratios, other_tyres)
+            of_drive, models, similar = self._compare_drive(change_hypotheses, ratios, other_tyres)
         now_m2, mean_m2 = now.covariance_m2 + nuisance_m2, mean.covariance_m2 + averaged_m2
-        at_once = self._look("now", now, now_m2, against[0], models)
-        lately = self._look("minutes", mean, mean_m2, against[1], models)
+        at_once = self._compare_change("now", now, now_m2, against[0], models)
+        lately = self._compare_change("minutes", mean, mean_m2, against[1], models)
         # What shows in a mean alone is slow; what shows now alone is fast.
         findings = [at_once, lately] if of_drive is None else [at_once, lately, of_drive]
         finding = max(findings, key=lambda one: float(one.verdict.deflated.max()))
@@ -239,14 +239,14 @@ class Judge:
             without = posterior(self._windows(at_once, lately, None, models, whole=whole))
             change_index = of_drive.change_index if without.deflated.max() <= JUDGE.undecided else None
         return Judgement(
-            change_m=self._on_all(now.change_m),
-            change_std_m=self._on_all(std),
-            deflated=self._on_all(bank.deflated),
-            deviates=self._on_all(bank.deviates),
-            possible=self._on_all(bank.possible),
-            loss_m=self._on_all(finding.verdict.loss_m),
-            pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
-            pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
+            change_m=self._to_four_wheels(now.change_m),
+            change_std_m=self._to_four_wheels(std),
+            deflated=self._to_four_wheels(bank.deflated),
+            deviates=self._to_four_wheels(bank.deviates),
+            possible=self._to_four_wheels(bank.possible),
+            loss_m=self._to_four_wheels(finding.verdict.loss_m),
+            pressure_loss=self._to_four_wheels(np.array([loss for loss, _ in pressure])),
+            pressure_loss_std=self._to_four_wheels(np.array([own for _, own in pressure])),
             suspicion=bank.suspicion if fits else math.inf,
             contrast_std_m=_contrast_std(now.covariance_m2),
             now=now,
@@ -254,19 +254,22 @@ class Judge:
             change_index=change_index,
             detectability=self._detectability(lately.covariance_m2, mean, mean_m2, similar),
             drive_models=models,
-            unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.uneven(models), 0.0),
-            all_larger=self._all_larger(bank.sizes),
+            unusual=0.0
+            if of_drive is None
+            else max(1.0 - of_drive.usual - self._grip.uneven_slip_probability(models), 0.0),
+            all_larger=self._all_larger_probability(bank.sizes),
             posterior=bank,
         )
 
-    def _ratios(self, resonance: ResonanceEvidence | None) -> FloatArray | None:
-        """(s,) log likelihood ratio of each of `subsets` to none lost by the resonances; None of none."""
+    def _resonance_log_ratios(self, resonance: ResonanceEvidence | None) -> FloatArray | None:
+        """Return the (s,) log-likelihood ratio of each of `subsets` to no loss by the resonances; None
+        without any."""
         if resonance is None or not resonance.wheels:
             return None
         sets = subsets(len(self._wheels))
         return np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
 
-    def _look(
+    def _compare_change(
         self,
         over: Literal["now", "minutes"],
         change: Change,
@@ -274,33 +277,35 @@ class Judge:
         against: Comparison,
         models: dict[str, float],
     ) -> ComparisonResult:
-        """Return the finding for a change of covariance (d, d) on a drive that may slip as its `models` have
-        it.
-        """
+        """Return the comparison of a change of covariance (d, d) with the hypotheses, on a drive of these
+        probabilities of its `models`."""
         slipping = self._grip.change_hypotheses(change.change_m, covariance_m2, change.samples, models)
         each_m2 = slipping.covariance_m2
         change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
-        sizes = against.sizes or no_sizes(len(self._wheels))
+        sizes = against.sizes or unchanged_sizes(len(self._wheels))
         change_hypotheses = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
-        verdict = against.of_change_hypotheses(change_hypotheses)
+        verdict = against.compare_hypotheses(change_hypotheses)
         best = int(verdict.change_hypotheses.argmax())
         change_m, best_m2 = change_hypotheses.change_m[best], change_hypotheses.covariance_m2[best]
         return ComparisonResult(over, verdict, change_m, best_m2, came=sizes.came)
 
-    def _all_larger(self, sizes: FloatArray) -> float:
-        """Probability that all wheels are larger; 0 where no sizes were compared."""
-        of_all = self._sizes.of_all
-        return float(sizes @ of_all) if sizes.size == of_all.size else 0.0
+    def _all_larger_probability(self, sizes: FloatArray) -> float:
+        """Return the probability that all wheels are larger; 0 where no sizes were compared."""
+        all_wheels_row = self._sizes.all_wheels_row
+        return float(sizes @ all_wheels_row) if sizes.size == all_wheels_row.size else 0.0
 
-    def _against(
+    def _comparison(
         self, ratios: FloatArray | None, other_tyres: bool, before: ChangeSinceStart | None = None
     ) -> Comparison:
+        """Return the comparison for a window by the car's thresholds; without sizes where the tyres are
+        others."""
         # Of other tyres the covariance holds what they may be larger already.
-        sizes = None if other_tyres else self._known_sizes(before)
+        sizes = None if other_tyres else self._size_rows_of_window(before)
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
 
-    def _known_sizes(self, before: ChangeSinceStart | None) -> TyreSizeChange:
-        """Return the rows of sizes of a window, by what the drive said before it."""
+    def _size_rows_of_window(self, before: ChangeSinceStart | None) -> TyreSizeChange:
+        """Return the rows of sizes of a window, with what the samples before it say of them; kept for two
+        windows."""
         if before is None:
             return self._sizes
         for beginning, known in self._of_beginning:
@@ -312,8 +317,8 @@ class Judge:
         found = with_sizes(change_m, total_m2, log_weight, self._radius, self._sizes, every=True)
         as_learned = np.tile(before.resized, len(self._sizes.mean)) & (found.row == 0)
         found = replace(found, log_weight=np.where(as_learned, -np.inf, found.log_weight))
-        lost = self._against(None, other_tyres=False).of_change_hypotheses(found).table.lost_share
-        self._of_beginning.append((before, self._sizes.since(found, lost)))
+        lost = self._comparison(None, other_tyres=False).compare_hypotheses(found).table.lost_probability
+        self._of_beginning.append((before, self._sizes.rows_of_window(found, lost)))
         return self._of_beginning[-1][1]
 
     def _windows(
@@ -325,8 +330,8 @@ class Judge:
         *,
         whole: bool,
     ) -> list[Window]:
-        """Return each window of onsets with its weight; `drive`: the drive as a whole; `whole`: the mean is
-        believed of several tyres as well.
+        """Return each window of onsets with the fractions of a subset's change that count as losses in it;
+        `drive`: the drive as a whole; `whole`: the mean counts for several tyres as well.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
@@ -341,28 +346,27 @@ class Judge:
             Window("minutes", mean.verdict, lately, off_lately, mean.came),
         ]
         if drive is not None:
-            by_drive = self._trusted_of_drive(models)
+            by_drive = self._drive_loss_fraction(models)
             windows.append(Window("drive", drive.verdict, by_drive, by_drive))
         return windows
 
-    def _trusted_of_drive(self, models: dict[str, float]) -> FloatArray:
-        """(s, d) how much of what the drive as a whole says of each of `subsets` is no slip.
+    def _drive_loss_fraction(self, models: dict[str, float]) -> FloatArray:
+        """Return the (s, d) fraction of the drive's evidence for each of `subsets` that is not slip.
 
         Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
         slippery road what driven axles do is slip. One that stands out beside the other wheel of its axle
         over many samples still tells.
         """
-        slippery, uneven = self._grip.low(models), self._grip.uneven(models)
+        slippery, uneven = self._grip.low_grip_probability(models), self._grip.uneven_slip_probability(models)
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
     def _detectability(
         self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, similar: Weighed | None
     ) -> LossDetectability:
-        """Return what the minimum detectable losses are computed of: one tyre by the mean over minutes under
-        its likeliest sizes and slip (d, d); all alike and axles by the drive as a whole, `similar`, or if
-        there is none all alike by a mean that is long enough.
-        """
+        """Return the inputs of minimum detectable losses: one tyre by the mean over minutes under its
+        likeliest sizes and slip (d, d); all alike and axles by the drive as a whole, `similar`, or if there
+        is none all alike by a mean that is long enough."""
         lost: tuple[FloatArray, ...] = (self._radius, *self._axles)
         if similar is None and mean.samples >= JUDGE.full_samples:
             similar = mean.change_m[None], mean_m2[None], np.zeros(1)
@@ -370,11 +374,11 @@ class Judge:
             likeliest_m2, similar, lost, self._radius, self._tyres, self._threshold, self._asked
         )
 
-    def _of_drive(
+    def _compare_drive(
         self, change_hypotheses: ChangeHypotheses, log_ratios: FloatArray | None, other_tyres: bool
     ) -> tuple[ComparisonResult, dict[str, float], Weighed]:
-        """Evidence of the whole drive on the drive models, and the changes by which it knows a loss of all
-        tyres and of axles; computed once for each of its samples."""
+        """Return the comparison of the whole drive's changes, the probability of each drive model, and the
+        changes by which losses of all tyres and of axles are known; computed once for each of its samples."""
         cached = self._cached
         if (
             cached is not None
@@ -384,12 +388,12 @@ class Judge:
         ):
             return cached[2:]
         nuisance_m2 = self._lasting_m2 + self._other_tyres_m2(other_tyres)
-        covariance_m2, log_weight = change_hypotheses.allowing(nuisance_m2)
-        against = self._against(log_ratios, other_tyres)
-        kept = change_hypotheses.likely(log_weight)
+        covariance_m2, log_weight = change_hypotheses.with_nuisance(nuisance_m2)
+        against = self._comparison(log_ratios, other_tyres)
+        kept = change_hypotheses.likely_indices(log_weight)
         if other_tyres:
             kept = kept[change_hypotheses.row[kept] == 0]
-        verdict = against.of_change_hypotheses(
+        verdict = against.compare_hypotheses(
             SizeHypotheses(
                 change_hypotheses.change_m[kept],
                 covariance_m2[kept],
@@ -415,11 +419,11 @@ class Judge:
         return finding, models, similar
 
     def pressure_loss(self, wheel: int, change_m: float, std_m: float) -> tuple[float, float]:
-        """Share of the pressure that a change of radius stands for, and its standard deviation."""
+        """Return the share of the pressure that a change of radius stands for, and its standard deviation."""
         return self._tyres[self._wheels.index(wheel)].pressure_loss(change_m, std_m)
 
-    def soft_after_reset(self, change: Change, other_tyres: bool) -> FloatArray:
-        """(4,) how probable it is that a tyre was soft when the baseline was reset.
+    def soft_probability_at_reset(self, change: Change, other_tyres: bool) -> FloatArray:
+        """Return the (4,) probability that each tyre was soft when the baseline was reset.
 
         The change is that against the baseline before. Other tyres may be larger or smaller all together, or
         by axle; a soft one among them still stands out.
@@ -428,12 +432,13 @@ class Judge:
         covariance_m2 = change.covariance_m2 + nuisance_m2
         if other_tyres:
             against = Comparison(self._radius, self._threshold)
-            return self._on_all(against.of(change.change_m, covariance_m2).deflated)
-        found = self._look("now", change, covariance_m2, self._against(None, False), {})
-        return self._on_all(found.verdict.deflated)
+            return self._to_four_wheels(against.compare(change.change_m, covariance_m2).deflated)
+        found = self._compare_change("now", change, covariance_m2, self._comparison(None, False), {})
+        return self._to_four_wheels(found.verdict.deflated)
 
     def _nuisance_covariance_of_mean_m2(self, samples: int) -> FloatArray:
-        """(d, d) covariance of the fluctuating nuisance in a mean of so many correlated samples; kept."""
+        """Return the (d, d) covariance of the fluctuating nuisance in a mean of so many correlated samples;
+        cached."""
         if samples not in self._of_mean_m2:
             share = variance_ratio_of_mean(samples, math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s))
             averaged = self._nuisance.averaged(share)
@@ -446,26 +451,28 @@ class Judge:
         d = len(self._wheels)
         return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
 
-    def _on_all(self, values: FloatArray) -> FloatArray:
+    def _to_four_wheels(self, values: FloatArray) -> FloatArray:
+        """Return (4,) values from those of the monitored wheels (d,), NaN for the others."""
         out = np.full(4, math.nan)
         out[self._wheels] = values
         return out
 
 
 @functools.cache
-def _centring(d: int) -> FloatArray:
-    """(d, d) matrix that takes the mean off each of d values."""
+def _centring_matrix(d: int) -> FloatArray:
+    """Return the (d, d) matrix that subtracts the mean from each of d values."""
     return np.asarray(np.eye(d) - np.ones((d, d)) / d)
 
 
 def _contrast_std(covariance_m2: FloatArray) -> float:
-    centring = _centring(len(covariance_m2))
+    """Return the largest standard deviation (m) of one wheel's change less the mean of all."""
+    centring = _centring_matrix(len(covariance_m2))
     return math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
 
 
-def _apart(wheels: list[int]) -> FloatArray:
-    """(s, d): 1 for the wheels of each of `subsets` that stand out: the other one of the axle is monitored
-    and not in it, or no other wheel is."""
+def _distinguishable_members(wheels: list[int]) -> FloatArray:
+    """Return the (s, d) mask of the wheels of each of `subsets` that stand out: the other one of the axle is
+    monitored and not in it, or no other wheel is in it."""
     found = subsets(len(wheels))
     out = np.zeros((len(found), len(wheels)))
     for row, members in zip(out, found, strict=True):

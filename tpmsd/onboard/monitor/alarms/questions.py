@@ -28,7 +28,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
 from tpmsd.onboard.monitor.alarms.judge import Judgement
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
-from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets
+from tpmsd.onboard.monitor.evidence.sizes import size_rows, subsets
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, FIRST_START, JUDGE
 
 
@@ -62,7 +62,7 @@ class Questions:
         """`wheels`: indices of the monitored wheels; `driven_axle`: front, rear or all."""
         self._wheels = wheels
         self._subsets = subsets(len(wheels))
-        self._sizes = sizes_of(tuple(wheels))
+        self._sizes = size_rows(tuple(wheels))
         prior = sum(JUDGE.prior_by_size[len(one) - 1] for one in self._subsets)
         prior += float(np.exp(self._sizes.log_prior[1:]).sum())
         clear, hold_s = settings.clear_probability, JUDGE.all_hold_s
@@ -88,10 +88,10 @@ class Questions:
         *,
         said: bool,
     ) -> None:
-        """Take a judgement that stands for `elapsed_s` of driving; None: of tyres that may be others. `said`:
-        whether an alarm of a tyre is active."""
+        """Update the open questions by a judgement that stands for `elapsed_s` of driving; None where the
+        tyres may be others. `said`: an alarm of a tyre is active, which closes them."""
         if said:
-            self.forget()
+            self.close_all()
             return
         asked: list[tuple[tuple[str, ...], str, float]] = []
         if found is not None and found.posterior is not None:
@@ -112,44 +112,46 @@ class Questions:
         self._of_tyres.update(bank.changed, elapsed_s)
         self._of_load.update(found.unusual, elapsed_s)
         if self._of_tyres.active:
-            return [(*self._words(bank, found.drive_models), bank.changed)]
+            return [(*self._tyre_question(bank, found.drive_models), bank.changed)]
         if self._of_load.active and self._axles:
-            return [(*self._of_axle(bank, found.drive_models), found.unusual)]
+            return [(*self._load_question(bank, found.drive_models), found.unusual)]
         return []
 
-    def at_first(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
-        """Take what the first minutes of a car say of a tyre that was soft before: the wheel, its probability
-        and the words for it. What they left open stays open."""
+    def update_first_start(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
+        """Update the question about a tyre that was soft before the first start: its wheel, probability and
+        words; None leaves it as it is."""
         if suspected is not None:
             self._first = suspected
             self._of_first.update(suspected[1], elapsed_s)
 
-    def forget(self) -> None:
-        """Nothing is asked: an alarm says it, or other tyres are on the car."""
+    def close_all(self) -> None:
+        """Close all questions: an alarm answers them, or other tyres are on the car."""
         for asked in (self._of_tyres, self._of_load, self._of_first):
             asked.active, asked.hold_elapsed_s = False, 0.0
         self.open = ()
 
-    def _of_axle(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
-        """Return the axle of which a loss would look the same, and the question."""
+    def _load_question(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
+        """Return the wheels of the axle whose loss would look the same, and the question about load or
+        grip."""
         slips = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.by_slope) > JUDGE.undecided
         axles = self._driven_axles if slips and self._driven_axles else self._axles
         # By what looks the same now: of an axle that slips `subsets` leaves out what its slip hides.
         index = max(axles, key=lambda one: float(found.possible[list(self._subsets[one])].sum()))
-        names = self._names(self._subsets[index])
+        names = self._wheel_names(self._subsets[index])
         cause = "a slippery road" if slips else "another load than usual, or a trailer"
         return names, (
             f"{cause}? If not, look at {' '.join(names)}: both tyres soft since the drive began look the same"
         )
 
-    def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
-        """Return the wheels of the likeliest change, and the question with the causes in their order."""
+    def _tyre_question(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
+        """Return the wheels of the likeliest change, and the question with the causes by their
+        probability."""
         causes: list[tuple[float, tuple[str, ...], str]] = []
         for members, probability in zip(self._subsets, found.subsets.tolist(), strict=True):
-            names = self._names(members)
+            names = self._wheel_names(members)
             causes.append((probability, names, f"{' '.join(names)} soft"))
         for row in range(1, found.sizes.size):
-            names = self._names(tuple(np.flatnonzero(self._sizes.pattern[row]).tolist()))
+            names = self._wheel_names(tuple(np.flatnonzero(self._sizes.pattern[row]).tolist()))
             other = "other tyres" if self._sizes.mean[row] > 0.0 else "wheels changed front to rear"
             causes.append((float(found.sizes[row]), names, f"{other} ({' '.join(names)} larger)"))
         best = max(causes, key=lambda cause: cause[0])
@@ -159,5 +161,5 @@ class Questions:
         stated = " or ".join(f"{what} ({probability:.2f})" for probability, _, what in named)
         return best[1], f"{stated}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
 
-    def _names(self, members: Sequence[int]) -> tuple[str, ...]:
+    def _wheel_names(self, members: Sequence[int]) -> tuple[str, ...]:
         return tuple(WHEELS[self._wheels[index]] for index in members)

@@ -17,15 +17,16 @@ from tpmsd.onboard.monitor.settings import TYRE_SETS
 
 
 def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:
-    """Return what is kept of an active alarm; radii are left out, for they are estimated again."""
+    """Return an active alarm as plain numbers for the state file, without radii, which are estimated
+    again."""
     return {
         "kind": str(event.kind),
         "wheel": event.wheel,
         "time_s": event.time_s,
         "probability": event.probability,
         "reason": event.reason,
-        "pressure_loss": _or_none(event.pressure_loss),
-        "pressure_loss_std": _or_none(event.pressure_loss_std),
+        "pressure_loss": _finite_or_none(event.pressure_loss),
+        "pressure_loss_std": _finite_or_none(event.pressure_loss_std),
         "since": event.since,
     }
 
@@ -43,8 +44,8 @@ def alarm_from_json(entry: dict[str, Any], known: Container[tuple[AlarmKind, int
         std_m=math.nan,
         probability=number(entry["probability"], 0.0, 1.0, "probability"),
         reason=str(entry["reason"])[: TYRE_SETS.max_reason_chars],
-        pressure_loss=_or_nan(entry.get("pressure_loss")),
-        pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
+        pressure_loss=_checked_loss(entry.get("pressure_loss")),
+        pressure_loss_std=_checked_loss(entry.get("pressure_loss_std")),
         since=BEFORE if entry.get("since") else "",
     )
     if event.wheel not in WHEELS or (event.kind, WHEELS.index(event.wheel)) not in known:
@@ -52,9 +53,10 @@ def alarm_from_json(entry: dict[str, Any], known: Container[tuple[AlarmKind, int
     return event
 
 
-def _or_none(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _or_nan(value: float | None) -> float:
+def _checked_loss(value: float | None) -> float:
+    """Return a saved loss of pressure, NaN for None; ValueError if it is out of bounds."""
     return math.nan if value is None else number(value, -10.0, 10.0, "loss of pressure")

@@ -46,11 +46,11 @@ _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
 
 
-def typical(
+def least_disturbed_sample(
     moments: list[_Sample], expected: FloatArray, radius_m: FloatArray, axle_contrasts: FloatArray
 ) -> _Sample:
-    """Return the last of moments in a row; or, where one wheel of an axle spins or is locked just then, the
-    one that is nearest to the median of each wheel. What both wheels of an axle do tells of grip, and stays.
+    """Return the last of several moments; or, where one wheel of an axle spins or is locked just then, the
+    one nearest to the median of each wheel. What both wheels of an axle do is kept, for it shows grip.
 
     `expected` (n,): parameters of the reference; radius_m (d,) nominal; axle_contrasts (a, d): 1, -1 for the
     wheels of an axle.
@@ -65,7 +65,8 @@ def typical(
     return moments[int(np.abs(rest - median(rest)).sum(axis=1).argmin())]
 
 
-def _added(one: _Sample, other: _Sample) -> _Sample:
+def _add_fields(one: _Sample, other: _Sample) -> _Sample:
+    """Return the sum of two samples, field by field."""
     return one[0] + other[0], one[1] + other[1], one[2] + other[2], one[3] + other[3]
 
 
@@ -86,7 +87,7 @@ class Change:
 
 
 class TyreSetBaseline:
-    """One set of tyres."""
+    """Learned radii of one set of tyres, and the change of the present radii against them."""
 
     def __init__(self, vehicle: VehicleConfig, wheels: list[int], learn_s: float) -> None:
         self._vehicle = vehicle
@@ -133,9 +134,10 @@ class TyreSetBaseline:
         self._closed = False
         """True if the drive as a whole is not judged any more."""
 
-    def begin_calibrated(self, calibration: CalibrationConfig) -> None:
-        """Begin with what a calibration knows: the car counts as learned, and its drives are compared with
-        that. Nothing changes where a monitored wheel is not calibrated, or not as well as learning asks."""
+    def start_from_calibration(self, calibration: CalibrationConfig) -> None:
+        """Start from calibrated radii: the car counts as learned, and its drives are compared with them.
+        Nothing changes where a monitored wheel is not calibrated, or not as precisely as learning
+        requires."""
         speed_mps = calibration.reference_speed_mps
         std_m = np.array([calibration.radius_std_m[wheel] or math.nan for wheel in self._wheels])
         if speed_mps is None or not self._contrasts_known(np.diag(std_m**2)):
@@ -155,7 +157,8 @@ class TyreSetBaseline:
         return self._learned_s
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
-        """Take every tick: conditions, and what a standstill changes."""
+        """Update the conditions and the sums of slip by a tick; after a standstill forget what it may have
+        changed."""
         self._sampled = self._compared = None
         stood_s = self._conditions.update(tick, estimate)
         if (window := self._slip.update(tick)) is not None:
@@ -186,14 +189,16 @@ class TyreSetBaseline:
 
     @property
     def own_growth_m(self) -> FloatArray:
-        """(4,) what each wheel grows now with speed beyond the others."""
+        """(4,) m, growth of each wheel with the present speed beyond the others."""
         return self.reference.own_growth_m(self._conditions.now)
 
     def _references(self) -> tuple[RadiusReference, ...]:
+        """Return the reference, and the shadow baseline if there is one."""
         return (self.reference,) if self._shadow is None else (self.reference, self._shadow)
 
     def _adopt_shadow(self) -> None:
-        """Another drive begins: what the last ones taught counts now, unless they ended in doubt."""
+        """Make the shadow baseline the reference unless the last drives ended in doubt, and begin another
+        shadow."""
         if self._shadow is not None and self._doubt < 0.5:
             self.reference = self._shadow
         if self._shadow is not None or sum(self.reference.ranges) >= BASELINE.next_drive_samples:
@@ -201,8 +206,8 @@ class TyreSetBaseline:
         self._doubt = 0.0
 
     def changes(self, estimate: RadiusEstimate, nuisance_m2: FloatArray) -> tuple[Change, Change] | None:
-        """Return the change now, and its mean over the last minutes; None where it is not known, or none of a
-        tyre. Nothing is taken up by asking: that is `observe`.
+        """Return the change now, and its mean over the last minutes; None where it is not known, or larger
+        than that of any tyre. Leaves the state as it is; `observe` adds the sample.
 
         `nuisance_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
         better in the mean, for an estimate of the radius common to all wheels is known less well than
@@ -211,28 +216,32 @@ class TyreSetBaseline:
         now = self._sample(estimate)
         if now is None:
             return None
-        one = self._change(now, 1, nuisance_m2)
+        one = self._make_change(now, 1, nuisance_m2)
         if not self._recent or self._jumped(now, nuisance_m2):
             return one, one
-        return one, self._change(_added(self._sum(), now), len(self._recent) + 1, nuisance_m2)
+        return one, self._make_change(
+            _add_fields(self._recent_total(), now), len(self._recent) + 1, nuisance_m2
+        )
 
     def observe(self, estimate: RadiusEstimate, nuisance_m2: FloatArray) -> None:
-        """Take a second of driving into what the last minutes and the drive as a whole say; `nuisance_m2` as
-        in `changes`."""
+        """Add a second of driving to the samples of the last minutes and to the evidence of the drive;
+        `nuisance_m2` as in `changes`."""
         now = self._sample(estimate)
         if now is None:
             return
         if self._recent and self._jumped(now, nuisance_m2):
             self._recent.clear()
             if self._evidence is not None:
-                self._evidence.jumped()
+                self._evidence.note_jump()
         if self._evidence is None and not self._closed:
             self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
             self._first_drive = not self.settled
         self._moments.append(now)
         if self._recent_s < BASELINE.sample_every_s:
             return
-        sample = typical(self._moments, self.reference.mean, self._radius, self._axle_contrasts)
+        sample = least_disturbed_sample(
+            self._moments, self.reference.mean, self._radius, self._axle_contrasts
+        )
         self._recent.append(sample)
         if self._evidence is not None:
             self._evidence.update(*sample, self._recent_s, self._slip_seen.slope())
@@ -240,16 +249,17 @@ class TyreSetBaseline:
         self._moments.clear()
 
     def _sample(self, estimate: RadiusEstimate) -> _Sample | None:
-        """Return what this moment shows; None where it is not known, or nothing that a tyre does."""
+        """Return the sample of the present estimate; None where it is not finite, or a wheel is larger than
+        any tyre gets."""
         expected = self.reference.mean
         if (kept := self._sampled) is not None and kept[0] is estimate and kept[1] is expected:
             return kept[2]
-        now, found = None, self._known(estimate)
+        now, found = None, self._finite_estimate(estimate)
         if found is not None:
             h = self.reference.features(self._conditions.now)[self._wheels]
             larger_m = found[0] - h @ expected * self._radius
             if not np.any(larger_m > JUDGE.max_relative_growth * self._radius):
-                now = (*found, self._unsettled(), h)
+                now = (*found, self._unsettled_m2(), h)
         self._sampled = estimate, expected, now
         return now
 
@@ -281,48 +291,47 @@ class TyreSetBaseline:
         self._evidence, self._closed, self._first_drive = None, False, False
 
     def change_hypotheses(self, *, alarm_active: bool) -> ChangeHypotheses | None:
-        """Return the changes by the drive as a whole; None as long as it is too short. While an alarm is
-        active a first drive is asked if it alone raised it.
-        """
+        """Return the changes by the drive as a whole; None as long as it is too short, or while an alarm is
+        active that a first drive has not raised by itself."""
         asked = self.settled or self._by_drive or not alarm_active
         return self._evidence.change_hypotheses if asked and self._evidence is not None else None
 
-    def before(self, change: Change) -> ChangeSinceStart | None:
-        """Return what the drive said before the samples of a change; None where nothing is known of it."""
-        return None if self._evidence is None else self._evidence.before(change.samples)
+    def change_before(self, change: Change) -> ChangeSinceStart | None:
+        """Return the change since the drive began by the samples before those of `change`; None where it is
+        not known."""
+        return None if self._evidence is None else self._evidence.change_before(change.samples)
 
     def _jumped(self, now: _Sample, nuisance_m2: FloatArray) -> bool:
         """Return whether the radii differ from those of the last minutes, so that a mean would mix two
-        state.
-        """
+        states."""
         newest = self._recent[-1]
         if (kept := self._compared) is not None and (
             kept[0] is now and kept[1] is newest and kept[2] is nuisance_m2
         ):
             return kept[3]
-        before, before_own = self._against_expected(self._sum(), len(self._recent))
-        change, own = self._against_expected(now, 1)
+        before, before_own = self._mean_change(self._recent_total(), len(self._recent))
+        change, own = self._mean_change(now, 1)
         off = change - before
         jumped = squared_distance(off, own + nuisance_m2 + before_own) > FIT_LIMIT[off.size]
         self._compared = now, newest, nuisance_m2, jumped
         return jumped
 
-    def _sum(self) -> _Sample:
+    def _recent_total(self) -> _Sample:
         """Return the sum of the recent samples, of which there is one at least."""
         if self._recent_sum is None or self._recent_sum[1] is not self._recent[-1]:
-            self._recent_sum = functools.reduce(_added, self._recent), self._recent[-1]
+            self._recent_sum = functools.reduce(_add_fields, self._recent), self._recent[-1]
         return self._recent_sum[0]
 
-    def _against_expected(self, total: _Sample, samples: int) -> tuple[FloatArray, FloatArray]:
-        """Mean of samples, whose sum is given, minus the mean of what is expected (d,), and the covariance
-        (d, d) of the mean alone."""
+    def _mean_change(self, total: _Sample, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Return the mean (d,) of samples, whose sum is given, minus the mean of what is expected, and the
+        covariance (d, d) of the mean alone."""
         deviation, own, unsettled, h = total
         change = (deviation - h @ self.reference.mean * self._radius) / samples
         return change, (own / samples + unsettled) / samples
 
-    def _change(self, total: _Sample, samples: int, nuisance_m2: FloatArray) -> Change:
-        """Return `_against_expected` with the uncertainty of what is expected."""
-        change, own_m2 = self._against_expected(total, samples)
+    def _make_change(self, total: _Sample, samples: int, nuisance_m2: FloatArray) -> Change:
+        """Return the `Change` of `_mean_change`, with the covariance of what is expected added."""
+        change, own_m2 = self._mean_change(total, samples)
         h = total[3] / samples
         covariance = own_m2 + h @ self.reference.covariance @ h.T * self._radius2
         nis = squared_distance(change, covariance + nuisance_m2)
@@ -331,9 +340,9 @@ class TyreSetBaseline:
     def learn(
         self, estimate: RadiusEstimate, nuisance_m2: FloatArray, trusted: bool, elapsed_s: float
     ) -> None:
-        """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre;
+        """Learn from the present estimate if a sample is due. `trusted`: nothing is suspected of any tyre;
         `elapsed_s`: driving since the last call."""
-        found = self._known(estimate)
+        found = self._finite_estimate(estimate)
         if found is None:
             return
         self._update_doubt(trusted, elapsed_s)
@@ -345,7 +354,7 @@ class TyreSetBaseline:
         first = self._drive_samples < BASELINE.drive_samples
         if not car and not first:
             return
-        self._learn_sample(found[0], found[1] + self._unsettled() + nuisance_m2, at, car=car, first=first)
+        self._learn_sample(found[0], found[1] + self._unsettled_m2() + nuisance_m2, at, car=car, first=first)
         if self.ready:
             self._learned_s += self._since_s
         self.ready = True
@@ -363,7 +372,7 @@ class TyreSetBaseline:
     def _may_learn(self, covariance_m2: FloatArray, trusted: bool, at: Conditions) -> bool:
         """Return whether a sample of this covariance (d, d) may be learned now."""
         if not self.ready:
-            return self._may_begin(covariance_m2)
+            return self._may_become_ready(covariance_m2)
         return trusted and abs(at.unsettled) <= BASELINE.unsettled_speed2
 
     def _learn_sample(
@@ -372,44 +381,47 @@ class TyreSetBaseline:
         """Learn a sample (d,) with its noise (d, d). `car`: what belongs to the car as well; `first`: it is
         one of the first of this drive, from which what counts now learns the drive."""
         taught = self._shadow or self.reference
-        taught.drift(self._since_s)
+        taught.predict(self._since_s)
         taught.learn(deviation_m, noise_m2, self._wheels, at, car=car)
         slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
         if slope is not None and car:
             taught.learn_slip(slope)
         if self._shadow is not None and first:
-            self.reference.drift(self._since_s)
+            self.reference.predict(self._since_s)
             self.reference.learn(deviation_m, noise_m2, self._wheels, at, car=False)
         elif self._shadow is None and sum(self.reference.ranges) >= BASELINE.settled_samples:
             self._shadow = self.reference.copy()
 
-    def _may_begin(self, covariance_m2: FloatArray) -> bool:
-        """Return whether enough was driven and the differences of the wheels are known."""
+    def _may_become_ready(self, covariance_m2: FloatArray) -> bool:
+        """Return whether enough was driven and the differences of the wheels are known precisely."""
         return self._learned_s >= self._learn_s and self._contrasts_known(covariance_m2)
 
     def _contrasts_known(self, covariance_m2: FloatArray) -> bool:
-        """Return whether radii of this covariance (d, d) are known well enough against each other; false for
-        NaN."""
+        """Return whether radii of this covariance (d, d) are known precisely enough relative to each other;
+        False for NaN."""
         d = len(self._wheels)
         centring = np.eye(d) - np.ones((d, d)) / d
         contrast = math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
         return contrast <= BASELINE.max_contrast_std * float(self._radius.mean())
 
-    def _known(self, estimate: RadiusEstimate) -> tuple[FloatArray, FloatArray] | None:
+    def _finite_estimate(self, estimate: RadiusEstimate) -> tuple[FloatArray, FloatArray] | None:
+        """Return deviation (d,) and covariance (d, d) of the monitored wheels; None where any is not
+        finite."""
         deviation = estimate.deviation_m[self._wheels]
         covariance = estimate.covariance_m2[self._grid]
         if not (np.isfinite(deviation).all() and np.isfinite(covariance).all()):
             return None
         return deviation, covariance
 
-    def _unsettled(self) -> FloatArray:
-        """(d, d) covariance of what the baseline cannot follow: growth while speed changes, and slopes."""
+    def _unsettled_m2(self) -> FloatArray:
+        """Return the (d, d) covariance of what the baseline cannot follow: growth while speed changes, and
+        slopes."""
         at = self._conditions.now
         off = BASELINE.unsettled_share * GROWTH_S2PM.mean * at.unsettled
         return off**2 + at.steep_mps2**2 * self._steep
 
-    def follow(self, other: TyreSetBaseline) -> None:
-        """Take over from another baseline of the same car how it is being driven."""
+    def copy_conditions(self, other: TyreSetBaseline) -> None:
+        """Copy the driving conditions from another baseline of the same car."""
         self._sampled = self._compared = None
         self._conditions.restore(other._conditions.to_json())
 
@@ -422,7 +434,7 @@ class TyreSetBaseline:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         return {
             "ready": self.ready,
             "calibrated": self.calibrated,
@@ -436,7 +448,7 @@ class TyreSetBaseline:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
+        """Restore what `to_json` returned; ValueError (nothing restored) if it does not fit."""
         try:
             learned_s = number(saved["learned_s"], 0.0, BASELINE.longest_s, "learning time")
             since_s = number(saved["since_s"], 0.0, BASELINE.longest_s, "learning time")

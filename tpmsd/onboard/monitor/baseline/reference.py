@@ -74,12 +74,13 @@ class RadiusReference:
         )
         self._share = 1.0 / max(int(self._driven.sum()), 1)
         """Fraction of the force that each driven axle transmits."""
-        self._acts = self._signs()
+        self._acts = self._wheel_signs()
         self.mean, self.covariance = self._prior_moments()
         self.ranges = [0] * KNOTS_MPS.size
         """Samples learned in each range of speed, by its knot."""
 
     def _prior_moments(self) -> tuple[FloatArray, FloatArray]:
+        """Return the prior mean (SIZE,) and covariance (SIZE, SIZE) of the parameters."""
         mean, std = np.zeros(SIZE), np.zeros(SIZE)
         radius_m = float(self._radius.mean())
         warmths = WARM.stop - WARM.start
@@ -100,8 +101,8 @@ class RadiusReference:
         covariance[CAR:, CAR:] = np.diag(_drive_std() ** 2)
         return mean, covariance
 
-    def _signs(self) -> FloatArray:
-        """(4, SIZE) on which wheels each parameter acts, and with which sign."""
+    def _wheel_signs(self) -> FloatArray:
+        """Return (4, SIZE) the sign with which each parameter acts on each wheel, 0 where it does not."""
         out = np.zeros((4, SIZE))
         out[:, OWN] = out[:, GROWTH_OWN] = out[:, DRIFT_OWN] = np.eye(4)
         out[:, SPEED] = out[:, GROWTH] = out[:, DAY] = out[:, DRIFT] = 1.0
@@ -112,23 +113,23 @@ class RadiusReference:
         return out
 
     def features(self, at: Conditions) -> FloatArray:
-        """(4, SIZE) how each parameter acts on each wheel, relative to its radius."""
+        """Return the (4, SIZE) derivative of each wheel's relative radius by each parameter."""
         quantities = np.ones(SIZE)
         speed2 = at.speed2 / REFERENCE.per_speed2
         quantities[GROWTH_OWN] = quantities[GROWTH] = quantities[DRAG] = speed2
-        quantities[SPEED] = hats(math.sqrt(at.speed2))
+        quantities[SPEED] = speed_weights(math.sqrt(at.speed2))
         quantities[WARM], quantities[WARM_AXLE] = at.cold, at.cold[1]
         quantities[HILL] = at.slope_mps2
         return np.asarray(self._acts * quantities)
 
     def expected(self, at: Conditions) -> tuple[FloatArray, FloatArray]:
-        """Radius minus nominal to expect (4,), m, and its covariance (4, 4), m2."""
+        """Return the expected deviation from the nominal radii (4,), m, and its covariance (4, 4), m2."""
         h = self.features(at)
         return h @ self.mean * self._radius, h @ self.covariance @ h.T * np.outer(self._radius, self._radius)
 
     def own_growth_m(self, at: Conditions) -> FloatArray:
-        """(4,) what each wheel grows with speed beyond the others, or slips against the drag, as far as it is
-        learned."""
+        """Return the (4,) growth (m) of each wheel with speed beyond the others, less its slip against the
+        drag, as far as it is learned."""
         slope = self.mean[GROWTH_OWN] + self._acts[:, DRAG] * self.mean[DRAG]
         return np.asarray(slope * at.speed2 / REFERENCE.per_speed2 * self._radius)
 
@@ -141,7 +142,7 @@ class RadiusReference:
         *,
         car: bool,
     ) -> None:
-        """Take an estimate of these wheels, (d,) and (d, d), independent of those before.
+        """Update by an estimate of these wheels, (d,) and (d, d), independent of those before.
 
         `car`: whether it may change what belongs to the car; else only what belongs to the drive (Schmidt's
         consider update: what is not taught keeps its mean and covariance).
@@ -153,8 +154,8 @@ class RadiusReference:
             self.ranges[speed_range(at)] += 1
 
     def learn_calibration(self, std_m: FloatArray, speed_mps: float, wheels: list[int]) -> None:
-        """Take the nominal radii of these wheels as other drives measured them at this speed, with `std_m`
-        (d,).
+        """Update by the nominal radii of these wheels, as other drives measured them at this speed with
+        `std_m` (d,).
 
         Their load and weather are not those of any drive to come, and nobody noted how warm the tyres were:
         anything between cold and warm, uniformly.
@@ -171,9 +172,9 @@ class RadiusReference:
         self.correct(np.zeros(len(wheels)), noise, h)
 
     def learn_slip(self, slope: Slope, *, car: bool = True) -> tuple[Innovation, FloatArray]:
-        """Take a slip slope, `car` as in `learn`: the slip of the driven axle under the force of a slope is
-        that under an acceleration. Where both are driven it is the mean of both. What was found, and the
-        features (1, SIZE)."""
+        """Update by a slip slope, `car` as in `learn`; return the innovation and the features (1, SIZE). The
+        slip of the driven axle under the force of a slope is that under an acceleration. Where both are
+        driven it is the mean of both."""
         h = np.zeros((1, SIZE))
         h[0, HILL] = -0.5 if self._driven.all() else np.where(self._driven, -1.0, 1.0)
         h[0, AGE] = slope.per_age
@@ -183,8 +184,8 @@ class RadiusReference:
     def correct(
         self, deviation: FloatArray, noise: FloatArray, h: FloatArray, *, car: bool = True
     ) -> Innovation:
-        """Kalman's measurement update with relative deviations (d,), their covariance (d, d) and features
-        (d, SIZE); `car` as in `learn`."""
+        """Apply the Kalman filter's measurement update with relative deviations (d,), their covariance (d, d)
+        and features (d, SIZE); return the innovation. `car` as in `learn`."""
         innovation = deviation - h @ self.mean
         spread = h @ self.covariance @ h.T + noise
         gain = np.asarray(np.linalg.solve(spread, h @ self.covariance).T)
@@ -197,9 +198,9 @@ class RadiusReference:
         self.covariance = (out + out.T) / 2
         return Innovation(innovation, spread, gain)
 
-    def drift(self, seconds: float) -> FloatArray:
-        """Driving goes on: what comes and goes within a drive has come and gone a little. (SIZE,) the share
-        that is left of each parameter."""
+    def predict(self, seconds: float) -> FloatArray:
+        """Apply the time update of so many seconds of driving, in which drift within the drive decays toward
+        its prior; return the (SIZE,) factor by which each parameter decayed."""
         decay = math.exp(-seconds / REFERENCE.drift_time_constant_s)
         factor = np.ones(SIZE)
         factor[DRIFT] = factor[DRIFT_OWN] = decay
@@ -227,24 +228,26 @@ class RadiusReference:
             out.covariance[index, index] += std**2
         return out
 
-    def slip(self, model: DriveModel) -> FloatArray:
-        """(4, 4) relative covariance of what driven axles slip by `model` all drive long."""
-        return self._of_driven(self._share * model.slip_std)
+    def slip_covariance(self, model: DriveModel) -> FloatArray:
+        """Return the (4, 4) relative covariance of the slip of driven axles by `model` all drive long."""
+        return self._driven_axle_covariance(self._share * model.slip_std)
 
-    def _of_driven(self, std: float) -> FloatArray:
+    def _driven_axle_covariance(self, std: float) -> FloatArray:
+        """Return the (4, 4) covariance of changes that both wheels of a driven axle have in common."""
         driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
         return np.asarray(np.where(driven[:, None], self._axle_covariance(std), 0.0))
 
     def _axle_covariance(self, std: float) -> FloatArray:
-        """(4, 4) covariance of changes that both wheels of an axle have in common."""
+        """Return the (4, 4) covariance of changes that both wheels of an axle have in common."""
         return np.where(IS_FRONT[:, None] == IS_FRONT[None, :], std**2, 0.0)
 
-    def scatter(self, model: DriveModel) -> FloatArray:
-        """(4, 4) relative covariance of what `model` adds to every sample."""
+    def scatter_covariance(self, model: DriveModel) -> FloatArray:
+        """Return the (4, 4) relative covariance that `model` adds to every sample."""
         return self._axle_covariance(model.axle_scatter) + np.eye(4) * model.own_scatter**2
 
     def forget_drive(self, load_only: bool) -> None:
-        """Widen by what a stop may change: the load is another, and unless `load_only` so is the day."""
+        """Reset the parameters that a stop may change to their priors: the load, and unless `load_only` the
+        day and the drift."""
         std = _drive_std()
         indices = list(range(LOAD.start, LOAD.stop)) if load_only else list(range(CAR, SIZE))
         self.mean[indices] = 0.0
@@ -254,7 +257,7 @@ class RadiusReference:
             self.covariance[index, index] = std[index - CAR] ** 2
 
     def copy(self) -> RadiusReference:
-        """Return a reference that learns apart from this one."""
+        """Return an independent copy."""
         out = RadiusReference.__new__(RadiusReference)
         out._radius, out._driven, out._share = self._radius, self._driven, self._share
         out._acts = self._acts
@@ -262,7 +265,7 @@ class RadiusReference:
         return out
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         return {
             "mean": self.mean.tolist(),
             "covariance": self.covariance.tolist(),
@@ -306,7 +309,7 @@ def _with_age(saved: dict[str, Any], mean: float, variance: float) -> dict[str, 
 
 
 def _drive_std() -> FloatArray:
-    """(SIZE - CAR,) prior standard deviations of what belongs to the drive."""
+    """Return the (SIZE - CAR,) prior standard deviations of the drive's parameters."""
     out = np.empty(SIZE - CAR)
     out[LOAD.start - CAR : LOAD.stop - CAR] = REFERENCE.load_std
     out[DAY - CAR], out[DRIFT - CAR] = REFERENCE.day_std, REFERENCE.drift_std
@@ -314,12 +317,12 @@ def _drive_std() -> FloatArray:
     return out
 
 
-def hats(speed_mps: float) -> FloatArray:
-    """(knots,) piecewise linear weights of the ranges of speed; their sum is 1."""
+def speed_weights(speed_mps: float) -> FloatArray:
+    """Return the (knots,) piecewise linear weights of the ranges of speed; their sum is 1."""
     index = float(np.interp(speed_mps, KNOTS_MPS, _INDICES))
     return np.asarray(np.maximum(1.0 - np.abs(_INDICES - index), 0.0))
 
 
 def speed_range(at: Conditions) -> int:
-    """In which range of speed these conditions are: the index of the nearest knot."""
-    return int(np.argmax(hats(math.sqrt(at.speed2))))
+    """Return the index of the range of speed of these conditions: the nearest knot."""
+    return int(np.argmax(speed_weights(math.sqrt(at.speed2))))

@@ -23,7 +23,7 @@ class SetSignal:
         self._steady_s = 0.0
 
     def update(self, tick: Tick) -> str | None:
-        """Return the set that was just stated for long enough to be meant; None else."""
+        """Return the name of the set that was just stated for long enough to be meant; None otherwise."""
         number = tick.tyre_set
         if number != self._number:  # true for NaN, too
             self._number, self._steady_s = number, 0.0

@@ -41,7 +41,7 @@ class TyreSets:
         self._learn_s = learn_s
         self._judge = judge
         self.name = DEFAULT_SET
-        self.baseline = self._fresh()
+        self.baseline = self._new_baseline()
         self._others: dict[str, dict[str, Any]] = {}
         self._before: TyreSetBaseline | None = None
         self._name_before = DEFAULT_SET
@@ -52,18 +52,19 @@ class TyreSets:
         self._requests = 0
         self._allowance = TYRE_SETS.allowance
 
-    def _fresh(self) -> TyreSetBaseline:
+    def _new_baseline(self) -> TyreSetBaseline:
         return TyreSetBaseline(self._vehicle, self._wheels, self._learn_s)
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
-        """Take every tick."""
+        """Update the baselines by a tick, and refill the allowance of resets."""
         self._allowance = min(self._allowance + TYRE_SETS.refill_per_s * tick.dt_s, TYRE_SETS.allowance)
         self.baseline.update(tick, estimate)
         if self._before is not None:
             self._before.update(tick, estimate)
 
     def request(self, name: str | None, announced: list[str]) -> tuple[bool, str]:
-        """Learn again, or change to another set; whether it was taken, and why (not).
+        """Request to learn again, or to change to the set `name`; return whether it was accepted, and the
+        reason.
 
         `announced`: wheels for which a deflation is announced now. To ask for the set that is being learned
         changes nothing: else whoever asks every minute keeps the car unlearned.
@@ -75,22 +76,23 @@ class TyreSets:
                 return True, self.reason
             if self._allowance < TYRE_SETS.cost_other:
                 return False, TOO_MANY
-        taken = self._accept_request(name, announced)
+        taken = self._process_request(name, announced)
         return taken, self.reason
 
-    def _accept_request(self, name: str | None, announced: list[str]) -> bool:
+    def _process_request(self, name: str | None, announced: list[str]) -> bool:
+        """Count a request and begin its baseline unless something forbids it; return whether it was begun."""
         self._requests += 1
         wanted = self.name if name is None else name
         cost = TYRE_SETS.cost_same if wanted == self.name else TYRE_SETS.cost_other
-        why = self._why_not(wanted, announced, cost)
+        why = self._refusal_reason(wanted, announced, cost)
         if why:
             return self._refuse(why)
         self._allowance -= cost
-        self._change_to(wanted)
+        self._begin_set(wanted)
         return True
 
-    def _why_not(self, wanted: str, announced: list[str], cost: float) -> str:
-        """Reason to refuse a reset to this set; empty if there is none."""
+    def _refusal_reason(self, wanted: str, announced: list[str], cost: float) -> str:
+        """Return the reason to refuse a reset to this set; empty if there is none."""
         if NAME.fullmatch(wanted) is None:
             return f"{wanted!r:.40} is no name of a set of tyres (a-z 0-9 _ -, at most 24)"
         if announced and wanted == self.name:
@@ -101,8 +103,8 @@ class TyreSets:
             return f"{TYRE_SETS.max_sets} sets of tyres are kept already"
         return TOO_MANY if self._allowance < cost else ""
 
-    def _change_to(self, wanted: str) -> None:
-        """Begin a baseline of this set, or take up the one it has; the one before is kept to judge by."""
+    def _begin_set(self, wanted: str) -> None:
+        """Begin a baseline of this set, or restore the one it has; the one before is kept for comparison."""
         # Asked again before the first was decided: what was known before both still counts.
         undecided = self._before is not None
         before = self._before or self.baseline
@@ -110,10 +112,10 @@ class TyreSets:
         if name_before != wanted and before.ready:
             self._others[name_before] = before.to_json()
         saved = self._others.pop(wanted, None) if wanted != self.name else None
-        fresh = self._fresh()
+        fresh = self._new_baseline()
         if saved is not None:
             fresh.restore(saved)
-        fresh.follow(self.baseline)
+        fresh.copy_conditions(self.baseline)
         self.baseline, self.name = fresh, wanted
         known = saved is not None and fresh.ready
         self._before = None if known or not before.ready else before
@@ -127,17 +129,19 @@ class TyreSets:
             self.reason = f"learning {wanted} again; it will be compared with what was normal before"
 
     def _refuse(self, why: str) -> bool:
+        """Record that the reset is refused; return False."""
         self.state, self.reason = "refused", f"reset refused: {why}"
         return False
 
     def decide(self, estimate: RadiusEstimate) -> ResetState | None:
-        """Once the new baseline is ready: whether it counts. The decision, if one was made just now."""
+        """Decide on a reset once its new baseline is ready: accept, or refuse and restore the one before.
+        Return the decision if it was made in this call, else None."""
         if self._before is None or not self.baseline.ready:
             return None
         changes = self._before.changes(estimate, self._judge.nuisance_m2)
         if changes is None:
             return None
-        soft = self._judge.soft_after_reset(changes[0], self.name != self._name_before)
+        soft = self._judge.soft_probability_at_reset(changes[0], self.name != self._name_before)
         named = [WHEELS[w] for w in self._wheels if soft[w] >= TYRE_SETS.soft_probability]
         before, self._before = self._before, None
         if not named:
@@ -146,11 +150,12 @@ class TyreSets:
         if self.name != self._name_before:
             self._others.pop(self._name_before, None)
         self.baseline, self.name = before, self._name_before
-        loss = ", ".join(f"{1e3 * x:+.1f} mm" for x in self._of(named, changes[0].change_m))
+        loss = ", ".join(f"{1e3 * x:+.1f} mm" for x in self._values_of(named, changes[0].change_m))
         self._refuse(f"{' '.join(named)} had a smaller radius than before ({loss}): inflate and ask again")
         return self.state
 
-    def _of(self, named: list[str], values: FloatArray) -> list[float]:
+    def _values_of(self, named: list[str], values: FloatArray) -> list[float]:
+        """Return the values (d,) of the named wheels, as a list."""
         return [float(values[self._wheels.index(WHEELS.index(wheel))]) for wheel in named]
 
     @property
@@ -158,10 +163,9 @@ class TyreSets:
         """True while a reset waits for its new baseline."""
         return self._before is not None
 
-    def is_first(self, reported: bool) -> bool:
+    def is_first_learning(self, reported: bool) -> bool:
         """Return whether these tyres have never been compared with others: no reset yet, and either they are
-        being learned for the first time, or one was `reported` then. Calibrated tyres have been.
-        """
+        being learned for the first time, or one was `reported` then. Calibrated tyres have been."""
         if self.baseline.calibrated:
             return False
         early = self.baseline.learned_s < FIRST_START.first_s
@@ -170,22 +174,22 @@ class TyreSets:
 
     def restart_baseline(self) -> None:
         """Discard the active baseline, learned on a deflated tyre, and learn a new one."""
-        fresh = self._fresh()
-        fresh.follow(self.baseline)
+        fresh = self._new_baseline()
+        fresh.copy_conditions(self.baseline)
         self.baseline = fresh
 
     @property
-    def judging(self) -> TyreSetBaseline:
-        """The baseline that tyres are held against: while a reset is undecided the one before it."""
+    def comparison_baseline(self) -> TyreSetBaseline:
+        """Baseline that changes are computed against: while a reset is undecided the one before it."""
         return self.baseline if self._before is None else self._before
 
     @property
     def other_tyres(self) -> bool:
-        """True if the tyres on the car may be others than those of `judging`."""
+        """True if the tyres on the car may be others than those of `comparison_baseline`."""
         return self._before is not None and self.name != self._name_before
 
     def report(self) -> LearningReport:
-        """For people and programs."""
+        """Return the state of learning, for status and reports."""
         return LearningReport(
             tyres=self.name,
             sets=tuple(sorted({self.name, *self._others})),
@@ -199,7 +203,7 @@ class TyreSets:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         return {
             "tyres": self.name,
             "baseline": self.baseline.to_json(),
@@ -212,14 +216,16 @@ class TyreSets:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
+        """Restore what `to_json` returned; ValueError (nothing restored) if it does not fit."""
         try:
             names = [saved["tyres"], saved["tyres_before"], *saved["others"]]
             state, reason = saved["reset"], str(saved["reset_reason"])[: TYRE_SETS.max_reason_chars]
-            baseline = self._read(saved["baseline"])
-            others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
-            before = None if saved["before"] is None else self._read(saved["before"])
-            allowance = _allowance(saved.get("allowance", TYRE_SETS.allowance))
+            baseline = self._baseline_from_json(saved["baseline"])
+            others = {
+                name: self._baseline_from_json(entry).to_json() for name, entry in saved["others"].items()
+            }
+            before = None if saved["before"] is None else self._baseline_from_json(saved["before"])
+            allowance = _checked_allowance(saved.get("allowance", TYRE_SETS.allowance))
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved sets of tyres are none: {error}") from error
         if not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
@@ -231,16 +237,14 @@ class TyreSets:
         self.state, self.reason = state, reason
         self._allowance = allowance
 
-    def _read(self, saved: dict[str, Any]) -> TyreSetBaseline:
-        out = self._fresh()
+    def _baseline_from_json(self, saved: dict[str, Any]) -> TyreSetBaseline:
+        out = self._new_baseline()
         out.restore(saved)
         return out
 
 
-def _allowance(saved: object) -> float:
-    """Return what is left of the ration of resets: a restart does not fill it up. ValueError beyond its
-    bounds.
-    """
+def _checked_allowance(saved: object) -> float:
+    """Return the saved allowance of resets, which a restart does not refill; ValueError beyond its bounds."""
     if (
         isinstance(saved, bool)
         or not isinstance(saved, int | float)

@@ -87,27 +87,28 @@ class ChangeBank:
     def update(
         self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float, sizes: TyreSizeChange
     ) -> None:
-        """Take a sample: (d,), its covariance (d, d) and features (d, SIZE); `elapsed_s` of driving since the
-        one before."""
-        left = self._reference.drift(elapsed_s)
+        """Update all hypotheses by a sample: (d,), its covariance (d, d) and features (d, SIZE); `elapsed_s`
+        of driving since the one before."""
+        left = self._reference.predict(elapsed_s)
         self._sensitivity *= left[:, None]
         self._add_hypotheses(len(deviation))
         found = self._reference.correct(deviation, noise + self._scatter, h)
         share = np.where(self._ramp, self.samples - self._onset, 1.0)
         seen = share[:, None, None] * np.eye(len(deviation)) - h @ self._sensitivity
-        self._inform(seen, found)
+        self._add_measurement(seen, found)
         self.samples += 1
         self._prune(sizes)
 
     def update_slip(self, slope: Slope) -> None:
-        """Take a slip slope: no change of radii is in it, but what it says of slip tells slip from change in
-        the samples."""
+        """Update by a slip slope: it holds no change of radii, but separates slip from change in the
+        samples."""
         found, h = self._reference.learn_slip(slope)
         seen = -(h @ self._sensitivity)
-        self._inform(seen, found)
+        self._add_measurement(seen, found)
 
-    def _inform(self, seen: FloatArray, found: Innovation) -> None:
-        """Update by a measurement, of which a change adds `seen` (n, m, d) to the filter's innovation."""
+    def _add_measurement(self, seen: FloatArray, found: Innovation) -> None:
+        """Update sums and sensitivities by a measurement, of which a change adds `seen` (n, m, d) to the
+        filter's innovation."""
         weighted = seen.transpose(0, 2, 1) @ np.linalg.inv(found.spread)
         self._information += weighted @ seen
         self._shared_with_first += weighted[0] @ seen
@@ -127,14 +128,16 @@ class ChangeBank:
         self._shared_with_first = np.concatenate([self._shared_with_first, np.zeros((2, d, d))])
 
     def _prune(self, sizes: TyreSizeChange) -> None:
-        """Keep the start, what is too young to be judged, and the likeliest of the others, each beside the
-        size that suits it best."""
+        """Keep the hypotheses of the start, those too young to be judged, and the likeliest of the others,
+        each under the size that fits it best."""
         age = self.samples - self._onset
         keep = (self._onset <= 0) | (age <= JUDGE.full_samples)
         if bool(keep.all()):
             return
         rest = self._marginalized(sizes, np.ones_like(keep))
-        gains = 0.5 * np.einsum("rnd,rnde,rne->rn", rest.vector, _inverse(rest.information), rest.vector)
+        gains = 0.5 * np.einsum(
+            "rnd,rnde,rne->rn", rest.vector, _regularised_inverse(rest.information), rest.vector
+        )
         gain = np.max(gains + (sizes.log_prior + rest.log_gain)[:, None], axis=0)
         for of_shape in (self._ramp, ~self._ramp):
             others = np.flatnonzero(~keep & of_shape)
@@ -144,12 +147,12 @@ class ChangeBank:
         self._vector, self._shared_with_first = self._vector[keep], self._shared_with_first[keep]
 
     def changes(self, sizes: TyreSizeChange) -> Changes:
-        """Hypotheses that are old enough, under each of the rows of sizes."""
+        """Return the changes by the hypotheses that are old enough, under each of the rows of sizes."""
         age = self.samples - self._onset
         old = age >= JUDGE.full_samples
         rest = self._marginalized(sizes, old)
         scale = np.where(self._ramp, age - 1.0, 1.0)[old]
-        covariance = _inverse(rest.information)
+        covariance = _regularised_inverse(rest.information)
         change = np.einsum("rnde,rne->rnd", covariance, rest.vector)
         first = self._onset[old] <= 0
         share = np.where(
@@ -166,13 +169,13 @@ class ChangeBank:
             rest.variance,
         )
 
-    def since_first(self) -> tuple[FloatArray, FloatArray]:
+    def change_since_first(self) -> tuple[FloatArray, FloatArray]:
         """Return the change since the first sample (d,) and its covariance (d, d), by all samples so far."""
-        covariance = _inverse(self._information[:1])[0]
+        covariance = _regularised_inverse(self._information[:1])[0]
         return covariance @ self._vector[0], covariance
 
     def _marginalized(self, sizes: TyreSizeChange, chosen: NDArray[np.bool_]) -> _Marginalized:
-        """Moments of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
+        """Return the moments of the chosen hypotheses with the sizes integrated out; r rows, n hypotheses."""
         with np.errstate(divide="ignore"):
             own = np.where(sizes.variance > 0.0, 1.0 / sizes.variance, np.inf)
         information, vector = self._information[chosen], self._vector[chosen]
@@ -195,7 +198,7 @@ class ChangeBank:
         )
 
     def reference_fitted_jointly(self, row: int, index: int, sizes: TyreSizeChange) -> RadiusReference:
-        """Moments of the car's reference beside the change at this row and place of `changes`.
+        """Return the car's reference fitted jointly with the change at this row and index of `changes`.
 
         The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.
         A size since the first sample is a second one, known beside d.
@@ -204,7 +207,7 @@ class ChangeBank:
         k = int(np.flatnonzero(self.samples - self._onset >= JUDGE.full_samples)[index])
         chosen[k] = True
         rest = self._marginalized(sizes, chosen)
-        covariance = _inverse(rest.information[row])[0]
+        covariance = _regularised_inverse(rest.information[row])[0]
         change = covariance @ rest.vector[row, 0]
         of_size = self._sensitivity[0] @ sizes.pattern[row]
         size, variance = float(rest.size[row]), float(rest.variance[row])
@@ -218,7 +221,8 @@ class ChangeBank:
         return out
 
 
-def _inverse(information: FloatArray) -> FloatArray:
-    """(..., d, d) covariances of changes; an onset that is hardly known is no failure."""
+def _regularised_inverse(information: FloatArray) -> FloatArray:
+    """Return the inverse (..., d, d) of information matrices, regularised so that one of hardly any
+    information is no failure."""
     largest = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
     return np.linalg.inv(information + DRIVE_EVIDENCE.min_std * largest * np.eye(information.shape[-1]))

@@ -11,8 +11,8 @@ import numpy as np
 from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
 
 
-def contrasts(wheels: list[int]) -> dict[str, FloatArray]:
-    """(d,) each: which of the wheels are held against which, or against the receiver; together a basis."""
+def contrast_rows(wheels: list[int]) -> dict[str, FloatArray]:
+    """Return the weights (d,) of the wheels in each contrast, by name; together they are a basis."""
     index = np.array(wheels)
     front, left = IS_FRONT[index], IS_LEFT[index]
     out = {"receiver_all_wheels": np.full(index.size, 1.0 / index.size)}
@@ -23,11 +23,11 @@ def contrasts(wheels: list[int]) -> dict[str, FloatArray]:
     return out
 
 
-def gains(
+def contrast_gains(
     rows: dict[str, FloatArray], change_m: FloatArray, covariance_m2: FloatArray, expected_m: FloatArray
 ) -> dict[str, float]:
-    """Log-likelihood ratio (nats) of the change `expected_m` (d,) to none, by contrast; their sum is that of
-    all of them.
+    """Return the log-likelihood ratio (nats) of the change `expected_m` (d,) to none, by contrast; their sum
+    is that of all of them.
 
     Errors of contrasts are correlated. So they are whitened from the last to the first, differences between
     wheels before the receiver: each adds its part given those before it (chain rule of the likelihood).

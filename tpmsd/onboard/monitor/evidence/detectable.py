@@ -48,12 +48,11 @@ class JointLoss:
     """(m,) probability of each beside such a loss; their sum is 1."""
 
     @classmethod
-    def of(
+    def from_changes(
         cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray, radius_m: FloatArray
     ) -> JointLoss:
-        """Return it from changes (m, d), their covariances (m, d, d) and the log weights (m,) of the models
-        if none has changed; radius_m (d,), 0 for the wheels that lose nothing.
-        """
+        """Return the moments by changes (m, d), their covariances (m, d, d) and the log weights (m,) of the
+        models if none has changed; radius_m (d,), 0 for the wheels that lose nothing."""
         of_all = np.broadcast_to(radius_m, change_m.shape)[:, :, None]
         solved = np.linalg.solve(covariance_m2, of_all)[:, :, 0]
         information = solved @ radius_m
@@ -64,7 +63,8 @@ class JointLoss:
 
 @dataclass(frozen=True, slots=True)
 class LossDetectability:
-    """Arguments of `detectable`: what minimum detectable losses are computed of once they are asked for."""
+    """Arguments of `minimum_detectable_losses`: what minimum detectable losses are computed of once they are
+    asked for."""
 
     one_m2: FloatArray
     whole: tuple[FloatArray, FloatArray, FloatArray] | None
@@ -79,12 +79,16 @@ class LossDetectability:
 
     def losses(self) -> DetectableLoss:
         """Return the minimum detectable losses."""
-        similar = () if self.whole is None else tuple(JointLoss.of(*self.whole, lost) for lost in self.lost)
+        similar = (
+            ()
+            if self.whole is None
+            else tuple(JointLoss.from_changes(*self.whole, lost) for lost in self.lost)
+        )
         common = self.radius_m, self.tyres, self.threshold, self.probability
-        return detectable(self.one_m2, similar[0] if similar else None, *common, similar[1:])
+        return minimum_detectable_losses(self.one_m2, similar[0] if similar else None, *common, similar[1:])
 
 
-def detectable(
+def minimum_detectable_losses(
     one_m2: FloatArray,
     similar: JointLoss | None,
     radius_m: FloatArray,
@@ -93,26 +97,27 @@ def detectable(
     probability: float,
     axles: tuple[JointLoss, ...] = (),
 ) -> DetectableLoss:
-    """`one_m2` (d, d): covariance by which one tyre is judged; `similar`: how all alike are, None where they
-    are not; radius_m (d,); `threshold` relative; `probability` asked for; `axles`: how both tyres of each are
-    judged, none where they are not."""
+    """Return the minimum detectable losses. `one_m2` (d, d): covariance by which one tyre is judged;
+    `similar`: moments of a loss of all alike, None where it is not judged; radius_m (d,); `threshold`
+    relative; `probability` of an alarm; `axles`: moments of a loss of both tyres of each, empty where they
+    are not judged."""
     priors = JUDGE.prior_by_size
     # The information of a loss of one wheel alone is an element of the diagonal.
     of_each = radius_m**2 * np.linalg.inv(one_m2).diagonal()
     alone = [JointLoss(np.array([known]), np.ones(1)) for known in of_each]
-    smallest = [_smallest(one, threshold, probability, priors[0]) for one in alone]
+    smallest = [_smallest_detectable(one, threshold, probability, priors[0]) for one in alone]
     each_m = tuple((np.array(smallest) * radius_m).tolist())
-    single = _pressure(max(smallest), radius_m, tyres)
+    single = _mean_pressure_loss(max(smallest), radius_m, tyres)
     if similar is None:
         return DetectableLoss(single, 1.0, each_m=each_m)
-    all_monitored = _smallest(similar, threshold, probability, priors[radius_m.size - 1])
-    pairs = [_smallest(axle, threshold, probability, priors[1]) for axle in axles]
-    worst = _pressure(max(pairs), radius_m, tyres) if pairs else 1.0
-    return DetectableLoss(single, _pressure(all_monitored, radius_m, tyres), worst, each_m)
+    all_tyres = _smallest_detectable(similar, threshold, probability, priors[radius_m.size - 1])
+    pairs = [_smallest_detectable(axle, threshold, probability, priors[1]) for axle in axles]
+    worst = _mean_pressure_loss(max(pairs), radius_m, tyres) if pairs else 1.0
+    return DetectableLoss(single, _mean_pressure_loss(all_tyres, radius_m, tyres), worst, each_m)
 
 
-def _smallest(known: JointLoss, threshold: float, probability: float, prior: float) -> float:
-    """Relative loss that is seen where a relative loss is known like this, 1."""
+def _smallest_detectable(known: JointLoss, threshold: float, probability: float, prior: float) -> float:
+    """Return the smallest relative loss that raises an alarm where a loss has these moments."""
     std = 1.0 / np.sqrt(known.information)
     nats = math.log(probability / (1.0 - probability)) - math.log(prior / JUDGE.losses[2])
     short = JUDGE.detectable_stds
@@ -125,8 +130,9 @@ def _smallest(known: JointLoss, threshold: float, probability: float, prior: flo
     return max(seen, threshold + 2.0 * short * float(std[known.weight.argmax()]))
 
 
-def _pressure(loss: float, radius_m: FloatArray, tyres: list[TyreModel]) -> float:
-    """Share of the pressure that a relative loss of radius stands for, mean of the tyres."""
+def _mean_pressure_loss(loss: float, radius_m: FloatArray, tyres: list[TyreModel]) -> float:
+    """Return the share of the pressure that a relative loss of radius stands for, mean of the tyres, at most
+    1."""
     lost_m = (loss * radius_m).tolist()
     shares = [tyre.pressure_loss(-one_m)[0] for tyre, one_m in zip(tyres, lost_m, strict=True)]
     return min(sum(shares) / len(shares), 1.0)

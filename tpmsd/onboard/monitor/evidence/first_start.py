@@ -56,13 +56,14 @@ class FirstVerdict:
 def judge_first(
     deviation_m: FloatArray, covariance_m2: FloatArray, radius_m: FloatArray, wheels: list[int]
 ) -> FirstVerdict:
-    """deviation_m (d,): radius minus nominal; covariance_m2 (d, d); radius_m (d,) nominal."""
+    """Return the probabilities that each of the first radii is of a soft or a larger tyre. deviation_m (d,):
+    radius minus nominal; covariance_m2 (d, d); radius_m (d,) nominal."""
     x, noise = deviation_m / radius_m, covariance_m2 / np.outer(radius_m, radius_m)
     found = first_by_compiled(x, noise, wheels) if compiled is not None else None
     soft, larger, expected = first_by_arrays(x, noise, wheels) if found is None else found
-    soft, larger = _decided(soft, larger, wheels)
+    soft, larger = _resolve_pairs(soft, larger, wheels)
     return FirstVerdict(
-        np.minimum(soft, 1.0), np.minimum(larger, 1.0), expected * radius_m, _other_of_axle(x, wheels)
+        np.minimum(soft, 1.0), np.minimum(larger, 1.0), expected * radius_m, _smaller_than_other(x, wheels)
     )
 
 
@@ -74,8 +75,8 @@ def first_by_compiled(
     """
     d = len(wheels)
     soft, larger, expected = np.empty(d), np.empty(d), np.empty(d)
-    shifts, log_priors = _shifts(d)
-    shares, priors = _healthy(tuple(wheels))
+    shifts, log_priors = _radius_hypotheses(d)
+    shares, priors = _healthy_mixture(tuple(wheels))
     scratch = np.empty((len(shares) + 1, len(log_priors)))
     known = x, noise, shifts, log_priors, shares, priors, LOSS_GRID
     return (soft, larger, expected) if compiled.first(soft, larger, expected, scratch, *known) else None
@@ -87,8 +88,8 @@ def first_by_arrays(
     """Return the probabilities of a soft and of a larger wheel and the expected loss, (d,) each, of relative
     deviations x (d,) known with `noise` (d, d): by NumPy, the reference."""
     d = len(wheels)
-    shifts, log_priors = _shifts(d)
-    shares, priors = _healthy(tuple(wheels))
+    shifts, log_priors = _radius_hypotheses(d)
+    shares, priors = _healthy_mixture(tuple(wheels))
     whitener = np.linalg.inv(np.linalg.cholesky(priors + noise))
     rest = (x - shifts) @ whitener.swapaxes(1, 2)
     scale = np.log(shares * np.prod(np.diagonal(whitener, axis1=1, axis2=2), axis=1))
@@ -101,10 +102,10 @@ def first_by_arrays(
     return soft, larger, np.where(soft > 0.0, kinds[0] @ LOSS_GRID / np.maximum(soft, 1e-300), 0.0)
 
 
-def _decided(soft: FloatArray, larger: FloatArray, wheels: list[int]) -> tuple[FloatArray, FloatArray]:
-    """Return the more probable of two that look alike but for the level of the axle, a soft wheel and a
-    larger other wheel, with the probability that one of them is so.
-    """
+def _resolve_pairs(soft: FloatArray, larger: FloatArray, wheels: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Return the (d,) probabilities of a soft and of a larger wheel, where of a soft wheel and a larger other
+    one of its axle, which look alike but for the axle's level, the more probable has the sum of both and the
+    other 0."""
     soft, larger = soft.copy(), larger.copy()
     for k, wheel in enumerate(wheels):
         if wheel ^ 1 not in wheels:
@@ -118,8 +119,9 @@ def _decided(soft: FloatArray, larger: FloatArray, wheels: list[int]) -> tuple[F
     return soft, larger
 
 
-def _other_of_axle(x: FloatArray, wheels: list[int]) -> FloatArray:
-    """(d,) by how much each wheel is smaller than the other one of its axle."""
+def _smaller_than_other(x: FloatArray, wheels: list[int]) -> FloatArray:
+    """Return the (d,) relative amount by which each wheel is smaller than the other of its axle, 0 without
+    that."""
     out = np.zeros(len(wheels))
     for k, wheel in enumerate(wheels):
         other = wheel ^ 1  # fl fr rl rr: the fellow is the neighbour
@@ -129,8 +131,9 @@ def _other_of_axle(x: FloatArray, wheels: list[int]) -> FloatArray:
 
 
 @functools.cache
-def _shifts(d: int) -> tuple[FloatArray, FloatArray]:
-    """(h, d) change of the radii under each hypothesis (none, one soft, one larger), and log priors (h,)."""
+def _radius_hypotheses(d: int) -> tuple[FloatArray, FloatArray]:
+    """Return the (h, d) change of the radii under each hypothesis (none, one soft, one larger), and log
+    priors (h,)."""
     rows = [np.zeros(d)]
     logs = [math.log1p(-d * (FIRST_START.soft_prior + FIRST_START.larger_prior))]
     for sign, prior in ((-1.0, FIRST_START.soft_prior), (1.0, FIRST_START.larger_prior)):
@@ -142,8 +145,8 @@ def _shifts(d: int) -> tuple[FloatArray, FloatArray]:
 
 
 @functools.cache
-def _healthy(wheels: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Mixture of what healthy cars have: shares (k,) and covariances (k, d, d), relative."""
+def _healthy_mixture(wheels: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the mixture of the radii of healthy cars: weights (k,) and relative covariances (k, d, d)."""
     index = list(wheels)
     front, left = IS_FRONT[index], np.where(IS_LEFT[index], 1.0, -1.0)
     side = np.where(front, 1.0, -1.0)
@@ -177,7 +180,7 @@ class Transition:
 
 
 class FirstStart:
-    """Hysteresis of what the first radii say."""
+    """Alarms about the first radii of a car, with their hysteresis."""
 
     def __init__(self, wheels: list[int], radius_m: FloatArray, make: Callable[[], Hysteresis]) -> None:
         """`radius_m` (d,): nominal, of these wheels."""
@@ -192,18 +195,19 @@ class FirstStart:
 
     @property
     def reported(self) -> set[int]:
-        """Wheels that were reported."""
+        """Wheels of which an alarm of the first start is active."""
         return {wheel for (_, wheel), alarm in self._alarms.items() if alarm.active}
 
     def restore_reported(self, keys: Iterable[tuple[AlarmKind, int]]) -> None:
-        """Set the reported wheels after a restart or a reset, and no others."""
+        """Make these alarms active, and no others, after a restart or a reset."""
         wanted = set(keys)
         for key, alarm in self._alarms.items():
             alarm.active, alarm.hold_elapsed_s = key in wanted, 0.0
         self.verdict = self.suspected = None
 
-    def changed(self, change_m: FloatArray, ordinary: set[int]) -> set[int]:
-        """Wheels of whose axle a tyre has changed since it was learned: what differs there may be new.
+    def changed_axles(self, change_m: FloatArray, ordinary: set[int]) -> set[int]:
+        """Return the wheels of the axles on which a tyre has changed since it was learned: differences there
+        may be new.
 
         change_m (4,): against the baseline, NaN where there is none; `ordinary`: wheels with another alarm.
         """
@@ -224,7 +228,7 @@ class FirstStart:
             np.argmax([0.0 if wheel in changed else verdict.soft[k] for k, wheel in enumerate(self._wheels)])
         )
         probability = 0.0 if self._wheels[index] in changed else float(verdict.soft[index])
-        words = self._reason(AlarmKind.DEFLATION, index, "raised", verdict)
+        words = self._reason_text(AlarmKind.DEFLATION, index, "raised", verdict)
         self.suspected = self._wheels[index], probability, words
         transitions = []
         for (kind, wheel), alarm in self._alarms.items():
@@ -238,11 +242,11 @@ class FirstStart:
                 continue
             loss = float(verdict.loss_m[k]) if kind is AlarmKind.DEFLATION else -math.inf
             transitions.append(
-                Transition(kind, wheel, state, probability, loss, self._reason(kind, k, state, verdict))
+                Transition(kind, wheel, state, probability, loss, self._reason_text(kind, k, state, verdict))
             )
         return transitions
 
-    def _reason(self, kind: AlarmKind, k: int, state: str, verdict: FirstVerdict) -> str:
+    def _reason_text(self, kind: AlarmKind, k: int, state: str, verdict: FirstVerdict) -> str:
         """Return the sentence that an alarm about wheel k gives as its reason."""
         by = float(verdict.smaller_share[k])
         if state == "cleared":

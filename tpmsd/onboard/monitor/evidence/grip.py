@@ -40,8 +40,8 @@ class Grip:
         reference, grid = RadiusReference(vehicle), np.ix_(wheels, wheels)
         scale = np.outer(radius_m, radius_m)
         models = DRIVE_EVIDENCE.models
-        self._lasting = np.stack([reference.slip(model)[grid] for model in models]) * scale
-        self._scatter = np.stack([reference.scatter(model)[grid] for model in models]) * scale
+        self._lasting = np.stack([reference.slip_covariance(model)[grid] for model in models]) * scale
+        self._scatter = np.stack([reference.scatter_covariance(model)[grid] for model in models]) * scale
         self._slipping = np.array([model.name in DRIVE_EVIDENCE.slipping for model in models])
         self._event = np.stack([np.diag((model.event_std * radius_m) ** 2) for model in models])
         self._event_share = np.array([model.event_share for model in models])
@@ -49,35 +49,37 @@ class Grip:
         """Probabilities of the models, and by number of samples what they add: asked again each second."""
 
     @staticmethod
-    def low(models: dict[str, float]) -> float:
-        """Probability that the drive slips."""
+    def low_grip_probability(models: dict[str, float]) -> float:
+        """Return the probability that wheels slip on the drive, by the probabilities of the drive models."""
         return sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.slipping)
 
     @staticmethod
-    def uneven(models: dict[str, float]) -> float:
-        """Probability that wheels slip by now more, now less."""
+    def uneven_slip_probability(models: dict[str, float]) -> float:
+        """Return the probability that wheels slip by varying amounts, by the probabilities of the drive
+        models."""
         uneven = set(DRIVE_EVIDENCE.slipping) - set(DRIVE_EVIDENCE.by_slope)
         return sum(probability for name, probability in models.items() if name in uneven)
 
     def change_hypotheses(
         self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]
     ) -> GripHypotheses:
-        """Return the slip in a change (d,) that is the mean of so many samples, with the covariance (d, d)
-        where nothing slips. `models`: probability of each; empty while the drive is too short to tell.
-        """
+        """Return the hypotheses of a change (d,), the mean of so many samples, under each slipping drive
+        model; (d, d): its covariance without slip. `models`: probability of each; empty while the drive is
+        too short to tell."""
         if not models:
             return GripHypotheses(covariance_m2[None], np.zeros(1))
         if self._known[0] is not models:
             self._known = models, {}
         known = self._known[1]
         if samples not in known:
-            known[samples] = self._added(samples, models)
+            known[samples] = self._added_covariances(samples, models)
         added_m2, log_weight = known[samples]
         total = covariance_m2 + added_m2
         return GripHypotheses(total, log_weight + log_normal(change_m, total))
 
-    def _added(self, samples: int, models: dict[str, float]) -> tuple[FloatArray, FloatArray]:
-        """Covariance (m, d, d) that each hypothesis adds, and the logarithm (m,) of its probability."""
+    def _added_covariances(self, samples: int, models: dict[str, float]) -> tuple[FloatArray, FloatArray]:
+        """Return the covariance (m, d, d) that each hypothesis adds, and the logarithm (m,) of its
+        probability."""
         chances = np.array([models[model.name] for model in DRIVE_EVIDENCE.models])
         keep = self._slipping & (chances > 0.0)
         slips = self._lasting[keep] + self._scatter[keep] / samples

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.evidence.probability import normal_cdf
-from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, TyreSizeChange, no_sizes, subsets
+from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, TyreSizeChange, subsets, unchanged_sizes
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
@@ -49,7 +49,7 @@ class Table:
     """(r, s) weighed by `severity`."""
 
     @classmethod
-    def of(
+    def from_logs(
         cls,
         row: NDArray[np.intp],
         none: FloatArray,
@@ -57,9 +57,8 @@ class Table:
         threshold: float,
         shape: tuple[int, int],
     ) -> Table:
-        """Return the table of the n changes of `row` (n,): logs of nothing lost (n,) and of each hypothesis
-        and loss of them (n, h, losses); `shape`: r and s.
-        """
+        """Return the table of n changes of the rows `row` (n,): logs of nothing lost (n,) and of each
+        hypothesis and loss of them (n, h, losses); `shape`: r and s."""
         r, s = shape
         shift = np.maximum(np.maximum.reduce(logs, axis=(1, 2)), none)
         shift = np.where(np.isfinite(shift), shift, -1e300)
@@ -78,12 +77,12 @@ class Table:
 
     @property
     def log_total(self) -> float:
-        """Log of the sum of all: the constant."""
+        """Log of the sum of all entries: the normalising constant."""
         return float(np.logaddexp.reduce([*self.none, *self.larger, *self.lost.ravel()]))
 
     @property
-    def lost_share(self) -> float:
-        """Probability that something was lost."""
+    def lost_probability(self) -> float:
+        """Probability that any wheel has lost radius."""
         return float(np.exp(np.logaddexp.reduce(self.lost, axis=None) - self.log_total))
 
 
@@ -138,24 +137,24 @@ class Comparison:
     limit: float = math.inf
     """Change, relative, from which a wheel deviates."""
 
-    def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
-        """Posterior over all subsets and losses by one change hypothesis of the change: change_m (d,),
-        covariance_m2 (d, d) of change including nuisance."""
-        return self.of_change_hypotheses(
-            SizeHypotheses.plain(change_m[None], covariance_m2[None], np.zeros(1))
+    def compare(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
+        """Return the posterior over all subsets and losses by one change (d,) and its covariance (d, d),
+        nuisance included."""
+        return self.compare_hypotheses(
+            SizeHypotheses.as_learned(change_m[None], covariance_m2[None], np.zeros(1))
         )
 
-    def of_change_hypotheses(self, change_hypotheses: SizeHypotheses) -> Verdict:
-        """Posterior over n change hypotheses of one change as well, covariances including nuisance: by
-        compiled code where it was built."""
+    def compare_hypotheses(self, change_hypotheses: SizeHypotheses) -> Verdict:
+        """Return the posterior over all subsets and losses by n hypotheses of a change, and of these;
+        covariances include nuisance. By compiled code where it was built."""
         found = None if compiled is None else self.by_compiled(change_hypotheses)
         return self.by_arrays(change_hypotheses) if found is None else found
 
     def by_arrays(self, change_hypotheses: SizeHypotheses) -> Verdict:
-        """Return `of_change_hypotheses` computed by NumPy, the reference."""
+        """Return `compare_hypotheses` computed by NumPy, the reference."""
         d = self.radius_m.size
         _, weights, log_shares = _hypotheses(d)
-        parabola = self._parabola(change_hypotheses.change_m, change_hypotheses.covariance_m2)
+        parabola = self._log_likelihood_parabola(change_hypotheses.change_m, change_hypotheses.covariance_m2)
         slope, curvature = (one[:, :, None] for one in parabola)
         fit = np.asarray(LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature))
         logs = change_hypotheses.log_weight[:, None, None] + fit + log_shares[:, None]
@@ -168,14 +167,16 @@ class Comparison:
         top = max(np.maximum.reduce(logs, axis=None), np.maximum.reduce(log_none))
         posterior, none = np.exp(logs - top), np.exp(log_none - top)
         total = np.add.reduce(none) + np.add.reduce(posterior, axis=None)
-        table = Table.of(change_hypotheses.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
-        return self._verdict(change_hypotheses, fit, parabola, posterior / total, none / total, table)
+        table = Table.from_logs(
+            change_hypotheses.row, log_none, logs, self.threshold, (self._row_count, 2**d - 1)
+        )
+        return self._make_verdict(change_hypotheses, fit, parabola, posterior / total, none / total, table)
 
     def by_compiled(self, change_hypotheses: SizeHypotheses) -> Verdict | None:
-        """Return `of_change_hypotheses` computed by `_evidence.c`; None where a covariance has no factor."""
+        """Return `compare_hypotheses` computed by `_evidence.c`; None where a covariance has no factor."""
         n, d = change_hypotheses.change_m.shape
         members, weights, log_shares = _hypotheses(d)
-        lost, sizes = 2**d - 1, self.sizes or no_sizes(d)
+        lost, sizes = 2**d - 1, self.sizes or unchanged_sizes(d)
         rows, of_each = len(sizes.mean), change_hypotheses.row.astype(np.float64)
         table = Table(
             np.empty(rows), np.empty(len(members) - lost), np.empty((rows, lost)), np.empty((rows, lost))
@@ -198,18 +199,21 @@ class Comparison:
         return Verdict(deflated, found[0], loss_m, off, found[1], gains, best_loss_m, chances, intact, table)
 
     @property
-    def _rows(self) -> int:
-        return len((self.sizes or no_sizes(self.radius_m.size)).mean)
+    def _row_count(self) -> int:
+        """Number of the rows of sizes."""
+        return len((self.sizes or unchanged_sizes(self.radius_m.size)).mean)
 
-    def _parabola(self, change_m: FloatArray, covariance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log-likelihood of a loss less that of none, a parabola over the size of the loss, by m change
-        hypotheses (m, d), (m, d, d): its slope at no loss and its curvature, (m, h) each."""
+    def _log_likelihood_parabola(
+        self, change_m: FloatArray, covariance_m2: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return slope at no loss and curvature, (m, h) each, of the log-likelihood of a loss less that of
+        none, a parabola over the size of the loss; by m hypotheses of the change (m, d), (m, d, d)."""
         whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
         seen = np.einsum("nij,nj->ni", whitener, change_m)
         white = (_hypotheses(self.radius_m.size)[0] * self.radius_m) @ whitener.transpose(0, 2, 1)
         return -np.einsum("ni,nsi->ns", seen, white), np.einsum("nsi,nsi->ns", white, white)
 
-    def _verdict(
+    def _make_verdict(
         self,
         given: SizeHypotheses,
         fit: FloatArray,
@@ -218,7 +222,8 @@ class Comparison:
         none: FloatArray,
         table: Table,
     ) -> Verdict:
-        """Log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
+        """Return the verdict by the log-likelihoods and the posterior (n, h, losses), and that of nothing
+        lost (n,)."""
         d = self.radius_m.size
         lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
         change_hypotheses = none + np.add.reduce(posterior, axis=(1, 2))
@@ -234,7 +239,7 @@ class Comparison:
             deflated=np.minimum(large @ members, 1.0),
             none=float(np.add.reduce(none[given.row == 0]) + found[lost.stop :].sum()),
             loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
-            off=self._off(given, parabola, posterior, change_hypotheses),
+            off=self._deviation_probability(given, parabola, posterior, change_hypotheses),
             suspicion=float(np.maximum.reduce(usual[lost, beyond:], axis=None)),
             gains=np.maximum.reduce(fit[int(change_hypotheses.argmax())], axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
@@ -243,15 +248,15 @@ class Comparison:
             table=table,
         )
 
-    def _off(
+    def _deviation_probability(
         self,
         given: SizeHypotheses,
         parabola: tuple[FloatArray, FloatArray],
         posterior: FloatArray,
         change_hypotheses: FloatArray,
     ) -> FloatArray:
-        """(s,) probability that wheels are off by more than the limit: by what they lost or gained, of which
-        (n, h, losses) is the posterior, or by their size."""
+        """Return the (s,) probability that wheels deviate by more than the limit: by what they lost or
+        gained, of which (n, h, losses) is the posterior, or by their size."""
         lost = 2**self.radius_m.size - 1
         out = np.zeros(lost)
         if not math.isfinite(self.limit):
@@ -263,7 +268,7 @@ class Comparison:
             beyond = float(slope[change_index, found]) * std - self.limit / std
             # Subsets come by size: what is larger is one wheel.
             out[found % lost] += float(chances[change_index, found]) * normal_cdf(beyond)
-        subset = (self.sizes or no_sizes(self.radius_m.size)).subset
+        subset = (self.sizes or unchanged_sizes(self.radius_m.size)).subset
         for change_index in np.flatnonzero((given.row > 0) & (change_hypotheses > NEGLIGIBLE)).tolist():
             size, std = float(given.size[change_index]), max(float(given.size_std[change_index]), 1e-12)
             over = normal_cdf((size - self.limit) / std) + normal_cdf((-size - self.limit) / std)
@@ -273,8 +278,8 @@ class Comparison:
 
 @functools.cache
 def severity(threshold: float) -> FloatArray:
-    """(grid,) how much of a deflation each loss of the grid is, for a relative threshold: 1 from it on, below
-    it loss over threshold.
+    """Return the (grid,) weight of each loss of the grid as a deflation, for a relative threshold: 1 from it
+    on, below it loss over threshold.
 
     An alarm without any loss is a false one; to name a tyre that has lost four fifths of the threshold is
     hardly one. So what is not known of the size of a certain loss weighs less than whether there is one.
@@ -285,9 +290,8 @@ def severity(threshold: float) -> FloatArray:
 @functools.cache
 def _hypotheses(d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what may have happened to d wheels, (h, d): 1 for those that lost, all subsets first; -1 for one
-    that is larger, where there are others to tell that by. And their prior probabilities (h,), and the
-    logarithms of each loss's share of them (h,).
-    """
+    that is larger, where there are others to tell that by. Return also their prior probabilities (h,), and
+    the logarithm of each loss's part of these (h,)."""
     found = subsets(d)
     members = [[float(wheel in subset) for wheel in range(d)] for subset in found]
     priors = [JUDGE.prior_by_size[len(subset) - 1] for subset in found]

@@ -89,8 +89,8 @@ class Posterior:
 
 
 def posterior(windows: Sequence[Window]) -> Posterior:
-    """Marginals of the bank of these windows, the youngest first and the longest last: by compiled code where
-    it was built."""
+    """Return the marginals of the bank of these windows, the youngest first and the longest last: by compiled
+    code where it was built."""
     found = by_compiled(windows) if compiled is not None else None
     return by_arrays(windows) if found is None else found
 
@@ -98,7 +98,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
 def by_compiled(windows: Sequence[Window]) -> Posterior | None:
     """Return `posterior` computed by `_evidence.c`; None for windows whose tables are not of one size."""
     s, d = windows[-1].loss_fraction.shape
-    sizes, count = _before(windows[-1]), len(windows)
+    sizes, count = _rows_before(windows[-1]), len(windows)
     deflated, possible, deviates, subset = np.empty(d), np.empty(d), np.empty(d), np.empty(s)
     of_sizes, onsets = np.empty(sizes), np.empty(count)
     parts: list[FloatArray] = []
@@ -122,26 +122,27 @@ def by_compiled(windows: Sequence[Window]) -> Posterior | None:
         subsets=subset,
         sizes=of_sizes,
         onsets={window.over: one for window, one in zip(windows, onsets.tolist(), strict=True)},
-        suspicion=_suspicion(windows),
+        suspicion=_largest_suspicion(windows),
         none=none,
         changed=changed,
     )
 
 
-def _suspicion(windows: Sequence[Window]) -> float:
+def _largest_suspicion(windows: Sequence[Window]) -> float:
+    """Return the largest suspicion of the windows but that of the whole drive."""
     return max(window.verdict.suspicion for window in windows if window.over != "drive")
 
 
 def by_arrays(windows: Sequence[Window]) -> Posterior:
     """Return `posterior` computed by NumPy, the reference."""
     longest = windows[-1]
-    any_wheel = [_any(window.loss_fraction) for window in windows]
-    of_sizes = [_nothing(*one) for one in zip(windows, any_wheel, strict=True)]
-    at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
-    odds = _odds(at_rest, of_sizes[:-1])
-    parts = zip(windows, [*odds, 0.0], _shares(any_wheel), any_wheel, strict=True)
-    rows = [_losses(window, known, share * of_any) for window, known, share, of_any in parts]
-    young = [_resized(*one) - np.log(len(windows)) for one in zip(windows, odds, strict=False)]
+    any_wheel = [_any_wheel_fraction(window.loss_fraction) for window in windows]
+    of_sizes = [_log_no_loss(*one) for one in zip(windows, any_wheel, strict=True)]
+    at_rest, rest = _log_no_loss_by_size(longest.verdict.table, of_sizes[-1])
+    odds = _log_odds_of_longest(at_rest, of_sizes[:-1])
+    parts = zip(windows, [*odds, 0.0], _prior_shares(any_wheel), any_wheel, strict=True)
+    rows = [_log_losses(window, known, share * of_any) for window, known, share, of_any in parts]
+    young = [_log_enlarged(*one) - np.log(len(windows)) for one in zip(windows, odds, strict=False)]
     came = longest.verdict.table.none[at_rest.size :]
     terms = [at_rest, rest, came, *[lost.ravel() for lost, _ in rows], *young]
     top = max(float(np.max(term, initial=-np.inf)) for term in terms)
@@ -153,66 +154,73 @@ def by_arrays(windows: Sequence[Window]) -> Posterior:
     resized = float(np.exp(of_sizes[-1][1:] - scale).sum())
     deflated = np.zeros(longest.loss_fraction.shape[1])
     for one, window, of_any in zip(large, windows, any_wheel, strict=True):
-        deflated += np.add.reduce(one) @ _of_wheels(window.loss_fraction, of_any)
-    passing = quiet @ _passing(windows[0], of_sizes[0], any_wheel[0])
-    by_row = quiet + sum((_by_size(one.sum(axis=1), quiet.size) for one in lost), np.zeros(quiet.size))
+        deflated += np.add.reduce(one) @ _wheel_fractions(window.loss_fraction, of_any)
+    passing = quiet @ _passing_fractions(windows[0], of_sizes[0], any_wheel[0])
+    by_row = quiet + sum(
+        (_merge_new_sizes(one.sum(axis=1), quiet.size) for one in lost), np.zeros(quiet.size)
+    )
     return Posterior(
         deflated=np.minimum(deflated, 1.0),
         possible=np.minimum(deflated + passing, 1.0),
-        deviates=_deviates(windows, any_wheel),
+        deviates=_deviation_probability(windows, any_wheel),
         subsets=sum((np.add.reduce(one) for one in lost), np.zeros(longest.loss_fraction.shape[0])),
         sizes=by_row / by_row.sum(),
         onsets={window.over: float(one.sum()) for window, one in zip(windows, lost, strict=True)},
-        suspicion=_suspicion(windows),
+        suspicion=_largest_suspicion(windows),
         none=min(float(quiet[0]), 1.0),
         changed=min(sum(float(one.sum()) for one in large) + resized, 1.0),
     )
 
 
-def _any(loss_fraction: FloatArray) -> FloatArray:
-    """(s,) share of what each subset does that is a loss of any wheel."""
+def _any_wheel_fraction(loss_fraction: FloatArray) -> FloatArray:
+    """Return the (s,) fraction of each subset's change that is a loss of any wheel."""
     return np.asarray(np.maximum.reduce(loss_fraction, axis=1))
 
 
-def _of_wheels(loss_fraction: FloatArray, any_wheel: FloatArray) -> FloatArray:
-    """(s, d) of the fractions of a subset, how much it says of each wheel; `any_wheel` (s,) as `_any`."""
+def _wheel_fractions(loss_fraction: FloatArray, any_wheel: FloatArray) -> FloatArray:
+    """Return the (s, d) fraction of a subset's loss that counts for each wheel; `any_wheel` (s,) as
+    `_any_wheel_fraction`."""
     return np.asarray(loss_fraction / np.maximum(any_wheel, LEAST)[:, None])
 
 
-def _shares(loss_fraction: list[FloatArray]) -> list[FloatArray]:
-    """(s,) of each window: the windows that have a row for a subset share its prior evenly."""
+def _prior_shares(loss_fraction: list[FloatArray]) -> list[FloatArray]:
+    """Return the (s,) share of the prior of each window: those that have a row for a subset share it
+    evenly."""
     count = sum((one > 0.0).astype(float) for one in loss_fraction)
     return [np.where(one > 0.0, 1.0 / np.maximum(count, 1.0), 0.0) for one in loss_fraction]
 
 
-def _nothing(window: Window, any_wheel: FloatArray) -> FloatArray:
-    """(r,) log of nothing lost, or of what passes, beside each size that was there before; `any_wheel` (s,)
-    as `_any`."""
+def _log_no_loss(window: Window, any_wheel: FloatArray) -> FloatArray:
+    """Return the (r,) log probability of nothing lost, or of what passes, under each size that was there
+    before; `any_wheel` (s,) as `_any_wheel_fraction`."""
     table = window.verdict.table
-    passing = _log(1.0 - any_wheel) + table.lost
-    return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1))[: _before(window)])
+    passing = _log_or_minus_infinity(1.0 - any_wheel) + table.lost
+    return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1))[: _rows_before(window)])
 
 
-def _odds(at_rest: FloatArray, of_sizes: Sequence[FloatArray]) -> list[float]:
-    """Log of what the longest window knows of nothing lost over what each young one does, beside any size."""
+def _log_odds_of_longest(at_rest: FloatArray, of_sizes: Sequence[FloatArray]) -> list[float]:
+    """Return, for each young window, the log of the longest window's probability of nothing lost over its
+    own, summed over sizes."""
     usual = np.logaddexp.reduce(at_rest)
     return [float(usual - np.logaddexp.reduce(of_size)) for of_size in of_sizes]
 
 
-def _before(window: Window) -> int:
-    """Number of the rows of sizes that were there before the window."""
+def _rows_before(window: Window) -> int:
+    """Return the number of the rows of sizes that were there before the window."""
     return window.verdict.table.none.size - window.came
 
 
-def _by_size(of_row: FloatArray, sizes: int) -> FloatArray:
-    """(r,) of the rows of a window; what came in it is added to the row of the same wheels."""
+def _merge_new_sizes(of_row: FloatArray, sizes: int) -> FloatArray:
+    """Return the (r,) values by size, from those of a window's rows; sizes that came in it are added to the
+    row of the same wheels."""
     out = of_row[:sizes].copy()
     out[1 : 1 + of_row.size - sizes] += of_row[sizes:]
     return out
 
 
-def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Log of each size with nothing lost (r,), and of larger wheels where no sizes are compared (k,).
+def _log_no_loss_by_size(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the log probability of each size with nothing lost (r,), and of larger wheels where no sizes are
+    compared (k,).
 
     A wheel that is larger by any amount is a row of its size: what is lost beside it depends little on how
     large it was thought to be beforehand. In every window alike: the odds of a loss are against all of its
@@ -224,51 +232,55 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
     return out, np.empty(0)
 
 
-def _losses(window: Window, known: float, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`;
-    `share` (s,) of the prior, times what is a loss."""
+def _log_losses(window: Window, known: float, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (r, s) log probabilities of a loss in this window under each size, and the same weighed by
+    `severity`; `share` (s,) of the prior, times what is a loss."""
     table = window.verdict.table
-    odds = known + _log(share)
+    odds = known + _log_or_minus_infinity(share)
     return odds + table.lost, odds + table.large
 
 
-def _resized(window: Window, known: float) -> FloatArray:
-    """(k,) logs of wheels that became larger in this window, and nothing lost."""
+def _log_enlarged(window: Window, known: float) -> FloatArray:
+    """Return the (k,) log probabilities of wheels that became larger in this window, with nothing lost."""
     table = window.verdict.table
-    return np.concatenate([table.larger, table.none[_before(window) :]]) + known
+    return np.concatenate([table.larger, table.none[_rows_before(window) :]]) + known
 
 
-def _passing(window: Window, of_size: FloatArray, any_wheel: FloatArray) -> FloatArray:
-    """(r, d) of nothing lost, share of what passes and looks like a loss of the wheel; `of_size` (r,) as of
-    `_nothing`, `any_wheel` (s,) as `_any`."""
-    nothing = _at_rest(window.verdict.table, of_size)[0]
+def _passing_fractions(window: Window, of_size: FloatArray, any_wheel: FloatArray) -> FloatArray:
+    """Return the (r, d) fraction of nothing lost in which a passing change looks like a loss of the wheel;
+    `of_size` (r,) as of `_log_no_loss`, `any_wheel` (s,) as `_any_wheel_fraction`."""
+    nothing = _log_no_loss_by_size(window.verdict.table, of_size)[0]
     known = np.isfinite(nothing)
-    passing = window.verdict.table.large[: of_size.size] + _log(1.0 - any_wheel)
+    passing = window.verdict.table.large[: of_size.size] + _log_or_minus_infinity(1.0 - any_wheel)
     share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
     return np.asarray(share @ _members(window.loss_fraction.shape[1]))
 
 
 @functools.cache
 def _members(d: int) -> FloatArray:
-    """(s, d) 1 for the wheels of each subset."""
+    """Return the (s, d) matrix that is 1 for the wheels of each subset."""
     return np.array([[float(wheel in one) for wheel in range(d)] for one in subsets(d)])
 
 
-def _deviates(windows: Sequence[Window], any_loss: Sequence[FloatArray]) -> FloatArray:
-    """(d,) union over the windows of a change of either sign; `any_loss` (s,) each, `_any` of losses."""
+def _deviation_probability(windows: Sequence[Window], any_loss: Sequence[FloatArray]) -> FloatArray:
+    """Return the (d,) probability of a change of either sign, in any of the windows; `any_loss` (s,) each,
+    `_any_wheel_fraction` of losses."""
     any_wheel = [
-        of_any if window.deviation_fraction is window.loss_fraction else _any(window.deviation_fraction)
+        of_any
+        if window.deviation_fraction is window.loss_fraction
+        else _any_wheel_fraction(window.deviation_fraction)
         for window, of_any in zip(windows, any_loss, strict=True)
     ]
     found, total = np.zeros(windows[-1].loss_fraction.shape[1]), 1.0
-    for window, share, of_any in zip(windows, _shares(any_wheel), any_wheel, strict=True):
+    for window, share, of_any in zip(windows, _prior_shares(any_wheel), any_wheel, strict=True):
         loss_fraction = np.minimum(window.verdict.off * of_any, 1.0)
         odds = share * loss_fraction / max(1.0 - float(loss_fraction.sum()), 1e-12)
-        found += odds @ _of_wheels(window.deviation_fraction, of_any)
+        found += odds @ _wheel_fractions(window.deviation_fraction, of_any)
         total += float(odds.sum())
     return np.minimum(found / total, 1.0)
 
 
-def _log(values: FloatArray) -> FloatArray:
+def _log_or_minus_infinity(values: FloatArray) -> FloatArray:
+    """Return the logarithm, -inf of 0 without a warning."""
     with np.errstate(divide="ignore"):
         return np.log(values)

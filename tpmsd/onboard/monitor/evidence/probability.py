@@ -15,13 +15,13 @@ far out.
 
 
 def normal_cdf(z: float) -> float:
-    """Probability that a standard normal variable is at most z."""
+    """Return the probability that a standard normal variable is at most z."""
     return 0.5 * math.erfc(-z / math.sqrt(2.0))
 
 
 def chi_square_cdf(x: float, freedom: int) -> float:
-    """Probability that `freedom` squared standard normal variables add up to at most x >= 0: the regularised
-    lower incomplete gamma function by its series (Abramowitz and Stegun 1964, 6.5.29)."""
+    """Return the probability that `freedom` squared standard normal variables add up to at most x >= 0: the
+    regularised lower incomplete gamma function by its series (Abramowitz and Stegun 1964, 6.5.29)."""
     shape, half = 0.5 * freedom, 0.5 * x
     if half <= 0.0:
         return 0.0

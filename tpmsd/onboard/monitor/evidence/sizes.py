@@ -42,18 +42,18 @@ class TyreSizeChange:
     rows from the second on."""
 
     @property
-    def of_all(self) -> FloatArray:
-        """(r,) 1 for the row of all wheels."""
+    def all_wheels_row(self) -> FloatArray:
+        """(r,) 1 for the row of all wheels larger, 0 for the others."""
         return np.array([float(row.min() > 0.0) for row in self.pattern])
 
-    def since(self, before: SizeHypotheses, lost: float) -> TyreSizeChange:
+    def rows_of_window(self, before: SizeHypotheses, lost: float) -> TyreSizeChange:
         """Return the rows of a window by what was seen before it, hypotheses under every row; behind them
-        rows of sizes that came in it, where all was as learned before.
+        rows of sizes that came in the window, where all was as learned before.
 
         `lost`: probability that a tyre had lost air before: then nothing is known of the sizes. That one
         wheel seems larger all at once also comes from signals: it is as probable as a new tyre. An axle or
         all of them hardly ever change on the way."""
-        share, mean, variance = before.by_row(len(self.mean))
+        share, mean, variance = before.moments_by_row(len(self.mean))
         with np.errstate(divide="ignore"):
             weights = np.stack([np.log1p(-lost) + share, np.log(lost) + self.log_prior])
         known = np.logaddexp.reduce(weights)
@@ -74,10 +74,11 @@ class TyreSizeChange:
         )
 
     @classmethod
-    def of(
+    def from_rows(
         cls, pattern: list[FloatArray], mean: list[float], variance: list[float], prior: list[float]
     ) -> TyreSizeChange:
-        """`prior` of all rows but the first."""
+        """Return the rows of these patterns (d,), means, variances and prior probabilities; `prior` of all
+        rows but the first."""
         indices = {members: index for index, members in enumerate(subsets(pattern[0].size))}
         wheels = [tuple(np.flatnonzero(row).tolist()) for row in pattern]
         return cls(
@@ -95,9 +96,10 @@ def subsets(d: int) -> list[tuple[int, ...]]:
 
 
 @functools.cache
-def sizes_of(wheels: tuple[int, ...]) -> TyreSizeChange:
-    """Rows of a car of which these wheels are monitored: none; one wheel, an axle or all larger; wheels
-    changed front to rear. What is smaller has no row: nothing tells it from a loss, and nothing should."""
+def size_rows(wheels: tuple[int, ...]) -> TyreSizeChange:
+    """Return the rows of a car of which these wheels are monitored: no change; one wheel, an axle or all
+    larger; wheels changed front to rear. What is smaller has no row: nothing tells it from a loss, and
+    nothing should."""
     front = IS_FRONT[list(wheels)]
     # Of a pair alone nothing tells which wheel has changed: there it is the one that lost.
     alone = np.eye(len(wheels)) if len(wheels) > 2 else np.empty((0, len(wheels)))
@@ -106,7 +108,7 @@ def sizes_of(wheels: tuple[int, ...]) -> TyreSizeChange:
     changed = [np.where(front, 1.0, -1.0)] if front.any() and not front.all() else []
     mean, std = JUDGE.resized
     rows, several = len(larger) + len(changed), len(axles) + len(changed)
-    return TyreSizeChange.of(
+    return TyreSizeChange.from_rows(
         [np.zeros(len(wheels)), *larger, *changed],
         [0.0, *[mean] * len(larger), *[0.0] * len(changed)],
         [0.0, *[std**2] * rows],
@@ -115,9 +117,9 @@ def sizes_of(wheels: tuple[int, ...]) -> TyreSizeChange:
 
 
 @functools.cache
-def no_sizes(d: int) -> TyreSizeChange:
-    """Return the sizes of d wheels that are all as learned."""
-    return TyreSizeChange.of([np.zeros(d)], [0.0], [0.0], [])
+def unchanged_sizes(d: int) -> TyreSizeChange:
+    """Return the single row of d wheels that are all of the size that was learned."""
+    return TyreSizeChange.from_rows([np.zeros(d)], [0.0], [0.0], [])
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,9 +139,9 @@ class SizeHypotheses:
     size_std: FloatArray
     """(n,)"""
 
-    def by_row(self, rows: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log of the share of each row, mean and variance of its size, (r,) each, of hypotheses under every
-        row, row by row."""
+    def moments_by_row(self, rows: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the log probability of each row, mean and variance of its size, (r,) each, of hypotheses
+        under every row, row by row."""
         logs, size, std = (one.reshape(rows, -1) for one in (self.log_weight, self.size, self.size_std))
         total = np.logaddexp.reduce(logs, axis=1)
         weight = np.exp(logs - total[:, None])
@@ -148,8 +150,10 @@ class SizeHypotheses:
         return total - np.logaddexp.reduce(total), mean, variance
 
     @classmethod
-    def plain(cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> SizeHypotheses:
-        """Return the sizes where all wheels are as learned."""
+    def as_learned(
+        cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
+    ) -> SizeHypotheses:
+        """Return hypotheses in which all wheels are of the size that was learned."""
         zeros = np.zeros(log_weight.size)
         return cls(change_m, covariance_m2, log_weight, zeros.astype(np.intp), zeros, zeros)
 
@@ -163,16 +167,16 @@ def with_sizes(
     *,
     every: bool = False,
 ) -> SizeHypotheses:
-    """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under each row that counts and the first;
-    under `every` one, row by row.
+    """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under the first row and each that is not
+    negligible; with `every` under all rows, row by row.
 
     radius_m: (d,); by compiled code where it was built."""
     given = change_m, covariance_m2, log_weight, radius_m, sizes
-    found = None if compiled is None else compiled_sizes(*given, every=every)
-    return array_sizes(*given, every=every) if found is None else found
+    found = None if compiled is None else with_sizes_by_compiled(*given, every=every)
+    return with_sizes_by_arrays(*given, every=every) if found is None else found
 
 
-def compiled_sizes(
+def with_sizes_by_compiled(
     change_m: FloatArray,
     covariance_m2: FloatArray,
     log_weight: FloatArray,
@@ -195,7 +199,7 @@ def compiled_sizes(
     return SizeHypotheses(change, covariance, log, row.astype(np.intp), size, std)
 
 
-def array_sizes(
+def with_sizes_by_arrays(
     change_m: FloatArray,
     covariance_m2: FloatArray,
     log_weight: FloatArray,

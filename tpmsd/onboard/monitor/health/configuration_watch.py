@@ -37,13 +37,14 @@ class _YawCorrelation:
         self.right = False
 
     def add(self, course_rad: float, other_rad: float, given: float) -> None:
-        """Take an interval; `given`: the way (m) or the time (s)."""
+        """Add an interval's turns by the receiver and by the source; `given`: the distance (m) or the time
+        (s)."""
         if math.isfinite(other_rad) and not self.right:
             row = np.array([course_rad, other_rad, given])
             self._sums += np.outer(row, row)
             self._intervals += 1
 
-    def against(self) -> bool:
+    def is_reversed(self) -> bool:
         """Return whether this source turns against the receiver's course, its sign being wrong."""
         if self.right or self._intervals < CONFIGURATION.min_intervals:
             return False
@@ -73,7 +74,7 @@ class ConfigurationWatch:
         self.contradiction = ""
 
     def update(self, tick: Tick) -> str:
-        """Take one tick; the contradiction, empty while there is none."""
+        """Update by one tick; return the contradiction in one sentence, empty while there is none."""
         if self.contradiction or self._driven_s > CONFIGURATION.look_s:
             return self.contradiction
         self._rotation = self._rotation + tick.rotation_rad
@@ -83,6 +84,7 @@ class ConfigurationWatch:
         return self.contradiction
 
     def _add_interval(self, fix: Fix) -> None:
+        """Add the interval from the last fix to this one, if it is of a suitable length and speed."""
         before, rotation, yaw = self._before, self._rotation, self._yaw_rad
         if not math.isfinite(fix.speed_mps):
             return
@@ -107,16 +109,19 @@ class ConfigurationWatch:
         self._find_contradiction()
 
     def _find_contradiction(self) -> None:
-        wrong = [name for name, turns in self._turns.items() if turns.against()]
+        """Set `contradiction` if axles or the gyro turn against the receiver's course."""
+        wrong = [name for name, turns in self._turns.items() if turns.is_reversed()]
         if wrong:
             axles = " and ".join(wrong)
             self.contradiction = (
                 f"left and right of the {axles} wheels seem exchanged: they turn against the receiver"
             )
-        elif self._gyro.against():
+        elif self._gyro.is_reversed():
             self.contradiction = "the yaw rate turns against the receiver's course: its sign seems wrong"
 
     def _check_radius(self, distance_m: float, rotation: FloatArray) -> None:
+        """Add an interval's ratio of radii; set `contradiction` once the median of all is far from the
+        nominal radius."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = distance_m / (rotation * self._radius)
         seen = ratio[self._wheels]

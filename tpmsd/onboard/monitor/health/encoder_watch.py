@@ -36,15 +36,15 @@ class EncoderWatch:
         """Wheels whose encoder loses counts, and which share of them."""
 
     def update(self, tick: Tick) -> None:
-        """Take one tick."""
+        """Update `losing` by one tick, once a minute."""
         for axle in self._axles:
             if axle.update(tick):
                 already_losing = {wheel for wheel in axle.wheels if self.losing.pop(wheel, None) is not None}
-                self.losing |= axle.losing(already_losing)
+                self.losing |= axle.lost_shares(already_losing)
 
 
 class _Axle:
-    """Two wheels, and what the last minutes say of them."""
+    """Two wheels of an axle, and the gains of their ripples over the last minutes."""
 
     def __init__(self, left: int, right: int) -> None:
         self.wheels = (left, right)
@@ -55,7 +55,7 @@ class _Axle:
         """(2, shares) of each minute."""
 
     def update(self, tick: Tick) -> bool:
-        """Take one tick; whether a minute is over."""
+        """Add one tick; return whether it completes a minute."""
         turned = tick.rotation_rad.tolist()
         left, right = turned[self.wheels[0]], turned[self.wheels[1]]
         if not min(left, right) >= REVOLUTION_RAD * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
@@ -67,14 +67,14 @@ class _Axle:
         if self._lasted_s < ENCODERS.block_s:
             return False
         angles, width = np.array(self._angles), ENCODERS.high_pass_s * len(self._angles) / self._lasted_s
-        self._gains.append(_gains(np.cumsum(angles, axis=0), width))
+        self._gains.append(_ripple_gains(np.cumsum(angles, axis=0), width))
         self._angles.clear()
         self._lasted_s = 0.0
         return True
 
-    def losing(self, already_losing: set[int]) -> dict[int, float]:
-        """Wheels that lose counts since any of the last minutes, and which share by the minutes that show it
-        best; of those that are `already_losing` less evidence is enough."""
+    def lost_shares(self, already_losing: set[int]) -> dict[int, float]:
+        """Return the wheels that lose counts since any of the last minutes, with the share by the minutes
+        that show it best; for those that are `already_losing` less evidence is enough."""
         out: dict[int, float] = {}
         limits = {
             wheel: ENCODERS.clear_nats if wheel in already_losing else ENCODERS.raise_nats
@@ -86,13 +86,13 @@ class _Axle:
                 continue
             since = of_one_size(gains, minutes)
             for side, wheel in enumerate(self.wheels):
-                share, gain = _lost(since[side], since[1 - side], limits[wheel])
+                share, gain = _lost_share(since[side], since[1 - side], limits[wheel])
                 if gain >= shown[wheel]:
                     out[wheel], shown[wheel] = share, gain
         return out
 
 
-def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, float]:
+def _lost_share(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, float]:
     """Return the fraction of its counts that a wheel loses by the gains (shares,) of its own ripple and of
     the other wheel's, and the gain over its having as many per turn as the other ring or as are configured;
     (0, 0) where a ripple does not show by `limit`.
@@ -110,8 +110,9 @@ def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, floa
     return share, float(own[at] - own[off <= LOST_SHARES.ring_error + 0.5 * LOST_SHARES.step].max())
 
 
-def _gains(angle_rad: FloatArray, width: float) -> FloatArray:
-    """(2, shares) of a minute's angles (n, 2); `width` of the high-pass in ticks."""
+def _ripple_gains(angle_rad: FloatArray, width: float) -> FloatArray:
+    """Return the (2, shares) gains of both ripples in a minute's angles (n, 2); `width` of the high-pass in
+    ticks."""
     between = angle_rad[:, 0] - angle_rad[:, 1]
     reach = round(ENCODERS.edge_widths * width)
     kernel = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / width))

@@ -44,17 +44,18 @@ class ReceiverSpeed:
         self._anchor: Fix | None = None
 
     def update(self, tick: Tick) -> float:
-        """Return the present speed; NaN where it is not known."""
+        """Update by one tick; return the present speed (m/s), NaN where it is not known."""
         for fix in tick.fixes:
             if fix.quality == _ESTIMATED:
                 continue
             if math.isfinite(fix.speed_mps):
                 self._speed_mps, self._time_s = fix.speed_mps, fix.time_s
             else:
-                self._by_position(fix)
+                self._update_from_position(fix)
         return self._speed_mps if 0.0 <= tick.time_s - self._time_s <= SIGNALS.speed_fresh_s else math.nan
 
-    def _by_position(self, fix: Fix) -> None:
+    def _update_from_position(self, fix: Fix) -> None:
+        """Update the speed by the distance between two positions, for receivers that state none."""
         anchor = self._anchor
         if anchor is not None and 0.0 <= fix.time_s - anchor.time_s < SIGNALS.chord_s:
             return
@@ -90,8 +91,8 @@ class _Malfunction:
     raised: AlarmEvent | None = None
 
     def update(self, bad: bool, good: bool, limit_s: float, tick: Tick) -> list[AlarmEvent]:
-        """Count bad time up to the limit; a tenth of it in good order clears. Neither: the counts stand
-        still."""
+        """Update by one tick, which counts as bad, as good or as neither; return the event of its being
+        raised or cleared, if any. Bad time up to `limit_s` raises; a tenth of that in good order clears."""
         if not (bad or self.bad_s or self.raised):
             return []  # as nearly always; the time in good order counts from the next bad tick on
         if bad:
@@ -112,14 +113,16 @@ class _Malfunction:
         return []
 
     def restore_active(self, time_s: float | None) -> None:
-        """Stand since that time, or not (None), as before the program was started again."""
+        """Make it active since that time, or inactive (None), as before a restart."""
         self.bad_s = self.good_s = 0.0
-        self.raised = None if time_s is None else self._at("raised", self.reason, time_s)
+        self.raised = None if time_s is None else self._event_at("raised", self.reason, time_s)
 
     def _event(self, state: Literal["raised", "cleared"], reason: str, tick: Tick) -> AlarmEvent:
-        return self._at(state, reason, tick.host_time_s)
+        """Return the event of this malfunction at a tick."""
+        return self._event_at(state, reason, tick.host_time_s)
 
-    def _at(self, state: Literal["raised", "cleared"], reason: str, time_s: float) -> AlarmEvent:
+    def _event_at(self, state: Literal["raised", "cleared"], reason: str, time_s: float) -> AlarmEvent:
+        """Return the event of this malfunction at a host time."""
         wheel = None if self.wheel is None else WHEELS[self.wheel]
         nan = math.nan
         return AlarmEvent(time_s, AlarmKind.MALFUNCTION, wheel, state, nan, nan, 1.0, reason)
@@ -177,12 +180,12 @@ class SignalWatch:
 
     @property
     def active(self) -> tuple[AlarmEvent, ...]:
-        """The malfunctions that stand now, each as it was raised."""
+        """The active malfunctions, each as it was raised."""
         return tuple([m.raised for m in self._all if m.raised is not None])
 
     def to_json(self) -> list[dict[str, Any]]:
-        """Those of missing signals that stand, which the next start has to show at once (UN R141): they go as
-        ever, with the signal."""
+        """Return the active malfunctions of missing signals, which the next start has to show at once (UN
+        R141); they are cleared as ever, with the signal."""
         return [
             {"of": name, "time_s": one.raised.time_s}
             for name, one in self._kept.items()
@@ -190,8 +193,8 @@ class SignalWatch:
         ]
 
     def restore(self, saved: list[dict[str, Any]]) -> None:
-        """Let those stand that were saved, and no other of their kind. ValueError, KeyError or TypeError
-        (nothing taken up) for what is none."""
+        """Make the saved malfunctions active, and no other of their kind. ValueError, KeyError or TypeError
+        (nothing restored) if they are not of this car."""
         times = {
             str(entry["of"]): number(entry["time_s"], -LARGEST, LARGEST, "time") for entry in list(saved)
         }
@@ -200,14 +203,14 @@ class SignalWatch:
         for name, one in self._kept.items():
             one.restore_active(times.get(name))
 
-    def received(self, time_s: float) -> list[int]:
-        """Wheels of which there was a usable signal within the time that a malfunction takes."""
+    def recently_valid(self, time_s: float) -> list[int]:
+        """Return the wheels of which there was a usable signal within the time that a malfunction takes."""
         limit_s = self._settings.malfunction_s
         return [wheel for wheel, valid_s in self._last_valid_s.items() if not time_s - valid_s > limit_s]
 
     @property
     def unusable(self) -> bool:
-        """True while a malfunction stands by which no wheel at all is watched."""
+        """True while a malfunction is active by which no wheel at all is watched."""
         return any([m.raised is not None for m in self._blinding])  # noqa: C419 - a list is faster
 
     def update(
@@ -217,7 +220,7 @@ class SignalWatch:
         watching: WatchState,
         agreement: Agreement = AGREED,
     ) -> list[AlarmEvent]:
-        """Take one tick; what it raised or cleared."""
+        """Update all malfunctions by one tick; return those that it raised or cleared."""
         # Plain numbers: for four of them numpy takes ten times as long, and this is asked every tick.
         turned = tick.rotation_rad.tolist()
         valid = [math.isfinite(angle) for angle in turned]
@@ -231,21 +234,22 @@ class SignalWatch:
         asleep = True not in valid and parked and not self._bus_down
         limit_s = self._settings.malfunction_s
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
-        events += self._fixes(tick, estimate, not rear or agreement.withheld, moving)
-        events += self._faults(tick)
+        events += self._update_fixes(tick, estimate, not rear or agreement.withheld, moving)
+        events += self._update_faults(tick)
         fastest_mps = max(_finite_or_zero(estimate.speed_mps), _finite_or_zero(receiver_mps), car.min_mps)
         driving = fastest_mps > SIGNALS.driving_mps
-        events += self._of_monitor(watching, driving, tick)
-        compared = self._compared(rear, estimate.speed_mps, receiver_mps)
-        events += self._disagreement(compared, agreement, driving, car.sides_with, tick)
+        events += self._update_own(watching, driving, tick)
+        compared = self._compare_speeds(rear, estimate.speed_mps, receiver_mps)
+        events += self._update_disagreement(compared, agreement, driving, car.agreement_note, tick)
         # Against wheels and receiver together it is outvoted.
         differs = car.wheels is False and car.receiver is not False
         events += self._car_differs.update(differs, car.wheels is True, limit_s, tick)
         events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
-        return events + self._each_wheel(turned, valid, watching.losing, tick)
+        return events + self._update_wheels(turned, valid, watching.losing, tick)
 
     def _update_signals(self, tick: Tick, valid: list[bool], stationary: bool, rear: bool) -> None:
-        """Note which wheels were heard, whether the car is stationary, and whether the bus is gone."""
+        """Record which wheels have a valid signal, whether the car is stationary, and whether the bus is
+        down."""
         for wheel in self._wheels:
             if valid[wheel]:
                 self._last_valid_s[wheel] = tick.time_s
@@ -256,17 +260,19 @@ class SignalWatch:
         elif any(fault.kind == "down" and fault.source == "can" for fault in tick.faults):
             self._bus_down = True
 
-    def _fixes(self, tick: Tick, estimate: RadiusEstimate, own: bool, moving: bool) -> list[AlarmEvent]:
-        """Fixes that stay away. `own`: the estimator uses none (without the rear wheels, or while they are
-        withheld), so the receiver's own silence counts."""
+    def _update_fixes(
+        self, tick: Tick, estimate: RadiusEstimate, own: bool, moving: bool
+    ) -> list[AlarmEvent]:
+        """Update the malfunction of missing fixes; return its events. `own`: the estimator uses none (without
+        the rear wheels, or while they are withheld), so the receiver's own silence counts."""
         if any(math.isfinite(fix.east_m) for fix in tick.fixes):
             self._last_fix_s = tick.time_s
         age_s = tick.time_s - self._last_fix_s if own else estimate.gnss_age_s
         stale = age_s > SIGNALS.gnss_fresh_s
         return self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
 
-    def _of_monitor(self, watching: WatchState, driving: bool, tick: Tick) -> list[AlarmEvent]:
-        """Return the malfunctions that the monitor reports of itself."""
+    def _update_own(self, watching: WatchState, driving: bool, tick: Tick) -> list[AlarmEvent]:
+        """Update the malfunctions of the monitor itself; return their events."""
         can_detect, undecided, wrong = watching.can_detect, watching.undecided, bool(watching.contradiction)
         events = self._no_detection.update(
             driving and not can_detect, can_detect, SIGNALS.no_detection_s, tick
@@ -276,25 +282,30 @@ class SignalWatch:
             self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
         return events + self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
 
-    def _each_wheel(
+    def _update_wheels(
         self, turned: list[float], valid: list[bool], losing: Mapping[int, float], tick: Tick
     ) -> list[AlarmEvent]:
-        """Wheels without a signal while others turn, and encoders that lose counts."""
+        """Update the malfunctions of wheels without a signal while others turn, and of encoders; return their
+        events."""
         events: list[AlarmEvent] = []
         limit_s = self._settings.malfunction_s
         turning = any(angle > SIGNALS.turning_rad for angle in turned)  # false for NaN
         for wheel, malfunction in self._wheels.items():
             events += malfunction.update(not valid[wheel] and turning, valid[wheel], limit_s, tick)
         if losing or any(one.raised for one in self._losing.values()):
-            events += self._encoders(losing, tick)
+            events += self._update_encoders(losing, tick)
         return events
 
-    def _disagreement(
-        self, compared: tuple[bool, bool], agreement: Agreement, driving: bool, sides_with: str, tick: Tick
+    def _update_disagreement(
+        self,
+        compared: tuple[bool, bool],
+        agreement: Agreement,
+        driving: bool,
+        agreement_note: str,
+        tick: Tick,
     ) -> list[AlarmEvent]:
-        """Return the malfunction of wheels and receiver that state different speeds; `compared`: whether both
-        are known, and agree.
-        """
+        """Update the malfunction of wheels and receiver that state different speeds; return its events.
+        `compared`: whether both are known, and agree."""
         known, good = compared
         # While they recover they agree: a receiver's burst ends with it, and not with the fixes' return.
         apart = (known and not good) or (agreement.withheld and not agreement.recovering)
@@ -302,11 +313,12 @@ class SignalWatch:
         if good and driving:
             self._agreed_s += tick.dt_s
         cause = AGREED_BEFORE if self._agreed_s >= SIGNALS.agreed_s else NEVER_AGREED
-        self._disagree.reason = DISAGREE + cause + sides_with
+        self._disagree.reason = DISAGREE + cause + agreement_note
         return self._disagree.update(apart, good, self._settings.malfunction_s, tick)
 
-    def _encoders(self, losing: Mapping[int, float], tick: Tick) -> list[AlarmEvent]:
-        """Those that lose counts, and those that did; which share of them, by wheel."""
+    def _update_encoders(self, losing: Mapping[int, float], tick: Tick) -> list[AlarmEvent]:
+        """Update the malfunctions of encoders, with the share of counts that each of `losing` loses; return
+        their events."""
         events: list[AlarmEvent] = []
         for wheel, malfunction in self._losing.items():
             bad = wheel in losing
@@ -319,8 +331,8 @@ class SignalWatch:
             events += malfunction.update(bad, not bad, SIGNALS.at_once_s, tick)
         return events
 
-    def _faults(self, tick: Tick) -> list[AlarmEvent]:
-        """Return the malfunctions that the inputs report of themselves."""
+    def _update_faults(self, tick: Tick) -> list[AlarmEvent]:
+        """Update the malfunctions that the inputs report of themselves; return their events."""
         events: list[AlarmEvent] = []
         for fault in tick.faults:
             if fault.kind in self._received_s:
@@ -334,7 +346,7 @@ class SignalWatch:
         return events
 
     @staticmethod
-    def _compared(rear: bool, wheels_mps: float, receiver_mps: float) -> tuple[bool, bool]:
+    def _compare_speeds(rear: bool, wheels_mps: float, receiver_mps: float) -> tuple[bool, bool]:
         """Return whether both speeds are known, and whether they agree."""
         known = rear and math.isfinite(receiver_mps + wheels_mps)
         apart = abs(wheels_mps - receiver_mps)

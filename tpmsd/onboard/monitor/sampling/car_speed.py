@@ -28,9 +28,9 @@ class SpeedAgreement:
     """True if the receiver's speed agrees with it."""
 
     @property
-    def sides_with(self) -> str:
-        """With which of two that disagree it agrees, for the reason of an alarm; empty if with neither or
-        both."""
+    def agreement_note(self) -> str:
+        """Text for an alarm's reason: with which of wheels and receiver the car's own speed agrees; empty for
+        neither or both."""
         if (self.wheels, self.receiver) == (True, False):
             return "; the car's own speed (OBD) agrees with the wheels"
         if (self.wheels, self.receiver) == (False, True):
@@ -42,7 +42,7 @@ NOTHING = SpeedAgreement()
 
 
 class CarSpeed:
-    """Follows the statements of one car."""
+    """Compares the speeds that the car's control unit states with those of wheels and receiver."""
 
     def __init__(self) -> None:
         self._stated_kmh: int | None = None
@@ -51,23 +51,25 @@ class CarSpeed:
         self._recent: deque[tuple[float, float, float]] = deque()
         self.received = NOTHING
 
-    def state(self, kmh: int) -> None:
-        """Note that a control unit states a speed, 0 to 255 km/h."""
+    def note_stated(self, kmh: int) -> None:
+        """Record that a control unit states a speed, 0 to 255 km/h."""
         self._stated_kmh = kmh
 
     def update(self, time_s: float, wheels_mps: float, receiver_mps: float) -> SpeedAgreement:
-        """Take one tick; a speed is NaN where it is not known."""
+        """Update by the speeds at one tick, NaN where not known; return the agreement of both with the car's
+        speed."""
         self._recent.append((time_s, wheels_mps, receiver_mps))
         while self._recent[0][0] < time_s - SIGNALS.car_late_s:
             self._recent.popleft()
         if self._stated_kmh is not None:
-            self.received, self._stated_kmh = self._compared(self._stated_kmh), None
+            self.received, self._stated_kmh = self._compare(self._stated_kmh), None
             self._taken_s = time_s
         elif not 0.0 <= time_s - self._taken_s <= SIGNALS.speed_fresh_s:
             self.received = NOTHING
         return self.received
 
-    def _compared(self, kmh: int) -> SpeedAgreement:
+    def _compare(self, kmh: int) -> SpeedAgreement:
+        """Return the agreement of a stated speed with the recent speeds of wheels and receiver."""
         low_mps, high_mps = stated_range(kmh)
         agree = []
         for index in (1, 2):
@@ -77,7 +79,8 @@ class CarSpeed:
 
 
 def stated_range(kmh: int) -> tuple[float, float]:
-    """Speeds over ground (m/s) that a statement of whole km/h allows; 255 is the most that can be stated."""
+    """Return the lowest and highest speed over ground (m/s) that a statement of whole km/h allows; infinite
+    for 255."""
     # SAE J1979 asks for whole km/h, and says not whether rounded, truncated or raised.
     low_mps = max(kmh - 1, 0) / 3.6 / (1.0 + SIGNALS.car_scale_share)
     high_mps = (kmh + 1) / 3.6 / (1.0 - SIGNALS.car_scale_share)

@@ -36,8 +36,8 @@ class CommonModeNoise:
         return self._reflected
 
     def update(self, deviation: FloatArray, noise: FloatArray, features: FloatArray) -> float:
-        """Take a sample: radius over nominal less one (d,), its covariance (d, d) and features (d, SIZE). The
-        variance by which its level is less certain than that."""
+        """Update by a sample: radius over nominal less one (d,), its covariance (d, d) and features (d,
+        SIZE). Return the variance that reflections add to that of its level."""
         d = len(deviation)
         level, h, variance = float(deviation.mean()), features.mean(axis=0), float(noise.sum()) / d**2
         speed_mps = math.sqrt(max(float(h[GROWTH]) * REFERENCE.per_speed2, LEVEL.slowest_mps**2))

@@ -58,13 +58,13 @@ class ConditionTracker:
         return Conditions(speed2, self._slope, cold, self._steep, self._present2 - speed2)
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> float:
-        """Take one tick; for how long the car has stood, s, where it sets off with it, else 0."""
+        """Update by one tick; return for how long the car had stood (s) if it sets off with it, else 0."""
         if math.isfinite(self._time_s):
-            self._stand(max(tick.time_s - tick.dt_s - self._time_s, 0.0))
+            self._add_standstill(max(tick.time_s - tick.dt_s - self._time_s, 0.0))
         self._time_s = tick.time_s
         speed = estimate.speed_mps
         if not math.isfinite(speed) or speed < CONDITIONS.standstill_mps:
-            self._stand(tick.dt_s)
+            self._add_standstill(tick.dt_s)
             return 0.0
         self._cold = [
             c * math.exp(-tick.dt_s / tau) for c, tau in zip(self._cold, CONDITIONS.warming_s, strict=True)
@@ -85,12 +85,13 @@ class ConditionTracker:
         stood_s, self._stood_s = self._stood_s, 0.0
         return stood_s
 
-    def _stand(self, seconds: float) -> None:
+    def _add_standstill(self, seconds: float) -> None:
+        """Add seconds of standstill, in which the tyres cool."""
         self._stood_s += seconds
         self._cold = [1.0 - (1.0 - c) * math.exp(-seconds / CONDITIONS.cooling_s) for c in self._cold]
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         time_s = self._time_s if math.isfinite(self._time_s) else None
         speed2 = self._speed2 if math.isfinite(self._speed2) else None
         return {
@@ -103,7 +104,7 @@ class ConditionTracker:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up what was saved; ValueError if it is nothing of that kind.
+        """Restore what `to_json` returned; ValueError if it is nothing of that kind.
 
         Until the next tick the car is taken to have stood: the daemon ran on for as long as it was driven.
         """
@@ -129,7 +130,7 @@ class ConditionTracker:
 
 
 def _memory_s(estimate: RadiusEstimate) -> float:
-    """Memory of the estimate for what acts on all wheels."""
+    """Return the time (s) that the estimate of a change common to all wheels is a mean over."""
     # Plain numbers: for so few numpy takes ten times as long, and this is asked every tick.
     spread = estimate.covariance_m2.tolist()
     variance = sum(map(sum, spread)) / 16.0

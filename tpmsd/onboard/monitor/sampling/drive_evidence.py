@@ -25,7 +25,7 @@ from tpmsd.onboard.monitor.baseline.reference import RadiusReference
 from tpmsd.onboard.monitor.drive_settings import DriveModel
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal
-from tpmsd.onboard.monitor.evidence.sizes import sizes_of
+from tpmsd.onboard.monitor.evidence.sizes import size_rows
 from tpmsd.onboard.monitor.sampling.common_mode_noise import CommonModeNoise
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
@@ -54,7 +54,7 @@ class ChangeHypotheses:
     samples: int = 0
     """Number of samples of the drive."""
 
-    def allowing(self, nuisance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def with_nuisance(self, nuisance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the covariance of each change (n, d, d) and the log weights (n,) if no tyre has changed,
         where radii may also have changed by a nuisance of covariance (d, d).
 
@@ -65,9 +65,10 @@ class ChangeHypotheses:
         log_density = log_normal(self.change_m, total_m2) - log_normal(self.change_m, self.covariance_m2)
         return total_m2, self.log_weight + log_density
 
-    def likely(self, log_weight: FloatArray) -> NDArray[np.intp]:
-        """Indices of the change hypotheses that count: under the others even the change that fits best is
-        less likely than the best change hypothesis of `log_weight` (n,) without any loss."""
+    def likely_indices(self, log_weight: FloatArray) -> NDArray[np.intp]:
+        """Return the indices of the change hypotheses that are not negligible: under the others even the
+        change that fits best is less likely than the best hypothesis of `log_weight` (n,) without any
+        loss."""
         solved = np.linalg.solve(self.covariance_m2, self.change_m[:, :, None])[:, :, 0]
         most = self.log_weight + 0.5 * np.einsum("nd,nd->n", self.change_m, solved)
         return np.flatnonzero(most > log_weight.max() - DRIVE_EVIDENCE.negligible_nats)
@@ -77,15 +78,16 @@ class ChangeHypotheses:
         """Log-likelihood of the drive with no loss, over all models and rows."""
         return float(np.logaddexp.reduce(self.log_weight))
 
-    def resized(self, log_before: float) -> ChangeHypotheses:
-        """Return those with wheels of another size, after a beginning of this log-likelihood."""
+    def only_resized(self, log_before: float) -> ChangeHypotheses:
+        """Return the hypotheses with wheels of another size, after a beginning of the drive of this
+        log-likelihood."""
         kept = self.row > 0
         values: dict[str, Any] = {name: getattr(self, name)[kept] for name in _OF_EACH}
         values["log_weight"] = values["log_weight"] + log_before
         return replace(self, **values)
 
     def joined_with(self, other: ChangeHypotheses) -> ChangeHypotheses:
-        """Return these and, behind them, the others."""
+        """Return these hypotheses and, behind them, the others."""
         values: dict[str, Any] = {
             name: np.concatenate([getattr(one, name) for one in (self, other)]) for name in _OF_EACH
         }
@@ -113,7 +115,7 @@ class ChangeSinceStart:
     """(m,) true for those since a jump, of which wheels of another size count alone."""
 
     def joined_with(self, other: ChangeSinceStart) -> ChangeSinceStart:
-        """Return these and, behind them, the others."""
+        """Return these changes and, behind them, the others."""
         values: dict[str, Any] = {
             part.name: np.concatenate([getattr(self, part.name), getattr(other, part.name)])
             for part in fields(ChangeSinceStart)
@@ -126,7 +128,7 @@ _OF_EACH = [part.name for part in fields(ChangeHypotheses) if part.name != "samp
 
 
 class DriveEvidence:
-    """One drive."""
+    """Evidence of one drive for changes of the radii, under each drive model."""
 
     def __init__(self, reference: RadiusReference, wheels: list[int], radius_m: FloatArray) -> None:
         """`radius_m` (d,) nominal, of the monitored wheels."""
@@ -140,14 +142,14 @@ class DriveEvidence:
         self._history: deque[ChangeSinceStart] = deque(maxlen=BASELINE.recent_samples + 2)
         """After each of the last samples."""
 
-    def before(self, samples: int) -> ChangeSinceStart | None:
-        """Return what all but the last so many samples say; None where they are all, or too many to be kept
-        apart."""
+    def change_before(self, samples: int) -> ChangeSinceStart | None:
+        """Return the change since the start by all but the last so many samples; None where they are all, or
+        not kept."""
         return self._history[-1 - samples] if samples < len(self._history) else None
 
-    def jumped(self) -> None:
-        """Note that the radii have jumped: wheels may be of another size since now. A jump of which enough
-        was seen stays."""
+    def note_jump(self) -> None:
+        """Record that the radii have jumped: wheels may be of another size from now on. A jump of which
+        enough samples were seen stays."""
         young = self._since_jump is None or self._since_jump.samples < JUDGE.full_samples
         if young and self._whole.samples:
             self._since_jump = _Banks(*self._begin)
@@ -162,29 +164,28 @@ class DriveEvidence:
         elapsed_s: float,
         slip: Slope | None = None,
     ) -> None:
-        """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
-        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
-        the slip slope since then."""
+        """Update `change_hypotheses` by a sample: radius minus nominal (d,), its covariance (d, d), that of
+        what the estimate's memory has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving
+        since the one before; `slip`: the slip slope since then."""
         sample = deviation_m, estimate_m2, unsettled_m2, features, elapsed_s, slip
         found = self.change_hypotheses = self._whole.update(*sample)
-        beginning = self._whole.since_first()
+        beginning = self._whole.change_since_first()
         if self._since_jump is None:
             self._history.append(beginning)
             return
         young = self._since_jump.update(*sample)
-        self._history.append(beginning.joined_with(self._since_jump.since_first(self._log_before)))
+        self._history.append(beginning.joined_with(self._since_jump.change_since_first(self._log_before)))
         if found is None or young is None or not np.any(young.row > 0):
             return
-        young = young.resized(self._log_before)
+        young = young.only_resized(self._log_before)
         if young.log_marginal < found.log_marginal - DRIVE_EVIDENCE.negligible_nats:
             self._since_jump = None
         else:
             self.change_hypotheses = found.joined_with(young)
 
     def reference_fitted_jointly(self, change_index: int) -> RadiusReference:
-        """Return the reference by the drive, fitted jointly with the change of this one of
-        `change_hypotheses`.
-        """
+        """Return the reference by the drive, fitted jointly with the change of this index into
+        `change_hypotheses`."""
         assert self.change_hypotheses is not None
         kept, banks = self.change_hypotheses, self._whole
         if change_index >= banks.hypotheses:
@@ -201,9 +202,9 @@ class _Banks:
         """`radius_m` (d,) nominal, of the monitored wheels."""
         index = np.ix_(wheels, wheels)
         self._radius = radius_m
-        self._sizes = sizes_of(tuple(wheels))
+        self._sizes = size_rows(tuple(wheels))
         self._banks = [
-            ChangeBank(reference.widened(model), reference.scatter(model)[index])
+            ChangeBank(reference.widened(model), reference.scatter_covariance(model)[index])
             for model in DRIVE_EVIDENCE.models
         ]
         # Neighbouring samples of what comes and goes are alike: each counts for less.
@@ -226,7 +227,8 @@ class _Banks:
         elapsed_s: float,
         slip: Slope | None,
     ) -> ChangeHypotheses | None:
-        """Take a sample as `DriveEvidence.update`; the changes by now, None as long as there are too few."""
+        """Update by a sample as `DriveEvidence.update`; return the changes by now, None as long as there are
+        too few."""
         self.samples += 1
         scale = np.outer(self._radius, self._radius)
         noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
@@ -263,10 +265,10 @@ class _Banks:
             samples=self.samples,
         )
 
-    def since_first(self, log_before: float | None = None) -> ChangeSinceStart:
-        """Return the change since the first sample; `log_before`: log-likelihood of what was before a jump,
-        None where these banks began with the drive."""
-        found = [bank.since_first() for bank in self._banks]
+    def change_since_first(self, log_before: float | None = None) -> ChangeSinceStart:
+        """Return the change since the first sample; `log_before`: log-likelihood of the samples before a
+        jump, None where these banks began with the drive."""
+        found = [bank.change_since_first() for bank in self._banks]
         return ChangeSinceStart(
             np.stack([change for change, _ in found]) * self._radius,
             np.stack([covariance for _, covariance in found]) * np.outer(self._radius, self._radius),
@@ -280,14 +282,17 @@ class _Banks:
         return float(np.logaddexp.reduce(self._log_weights()))
 
     def _log_weights(self) -> FloatArray:
-        """(m,) log of the prior of each drive model times the likelihood if no tyre has changed."""
+        """Return the (m,) log of the prior of each drive model times the likelihood if no tyre has
+        changed."""
         banks = zip(DRIVE_EVIDENCE.models, self._banks, strict=True)
         return np.array([self._log_prior(model) + bank.log_likelihood for model, bank in banks])
 
     def _log_prior(self, model: DriveModel) -> float:
+        """Return the log prior of a drive model; -inf for one that needs slip slopes as long as there are
+        none."""
         known = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
         return math.log(model.prior) if known else -math.inf
 
     def reference_fitted_jointly(self, model: int, row: int, index: int) -> RadiusReference:
-        """Return the reference fitted jointly with a change, by its place."""
+        """Return the reference fitted jointly with the change of this drive model, row of sizes and index."""
         return self._banks[model].reference_fitted_jointly(row, index, self._sizes)

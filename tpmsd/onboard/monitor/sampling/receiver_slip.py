@@ -20,7 +20,7 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 
 
 class ReceiverSlip:
-    """One car."""
+    """Slip of all wheels of one car against the receiver's speed."""
 
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._radius_m = [float(radius) for radius in vehicle.wheel_radius_m]
@@ -33,7 +33,7 @@ class ReceiverSlip:
         self._second_from_s = -math.inf
 
     def update(self, tick: Tick) -> list[SlipSecond]:
-        """Take a tick; the points of seconds that are complete."""
+        """Update by a tick; return the points of the seconds that are complete."""
         fl, fr, rl, rr = (
             turn * radius for turn, radius in zip(tick.rotation_rad.tolist(), self._radius_m, strict=True)
         )
@@ -63,6 +63,7 @@ class ReceiverSlip:
         return out
 
     def _slip_of_second(self, at_s: float, fix: Fix) -> SlipSecond | None:
+        """Return acceleration and slip about a fix's time; None where too slow, in a bend, or not covered."""
         times, distances, aparts = zip(*self._distances, strict=True)
         span_s = SLIP_SLOPE.span_s
         if at_s - span_s < times[0]:
@@ -83,9 +84,8 @@ class ReceiverSlip:
         return SlipSecond(accel_mps2, slip, accel_mps2 / speed_mps)
 
     def _end_second(self, at_s: float) -> list[SlipSecond]:
-        """Return the mean of the points before, once they are a second old: those of fast receivers are
-        alike.
-        """
+        """Return the mean of the points of the last second as a list, empty while it is not over: those of
+        fast receivers are similar."""
         if at_s - self._second_from_s < SLIP_SLOPE.second_s:
             return []
         points, self._second, self._second_from_s = self._second, [], at_s

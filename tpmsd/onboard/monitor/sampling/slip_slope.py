@@ -26,7 +26,7 @@ from tpmsd.onboard.timeline.tick import Tick
 
 
 class SlipSlope:
-    """One car, of which all wheels are heard."""
+    """Regression of slip on acceleration for one car all of whose wheels are monitored."""
 
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._front = {"front": 1.0, "rear": -1.0}.get(vehicle.driven_axle, 0.0)
@@ -42,18 +42,19 @@ class SlipSlope:
         self._window_s = 0.0
 
     def update(self, tick: Tick) -> SlopeSums | None:
-        """Take a tick; the sums of a window that ends with it."""
+        """Update by a tick; return the sums of a window that ends with it, else None."""
         if self._receiver is not None:
             self._points += self._receiver.update(tick)
         else:
-            self._turn(tick)
+            self._add_rotation(tick)
         self._window_s += tick.dt_s
         if self._window_s < SLIP_SLOPE.window_s:
             return None
         points, self._points, self._window_s = self._points, [], 0.0
-        return SlopeSums.of(points)
+        return SlopeSums.from_points(points)
 
-    def _turn(self, tick: Tick) -> None:
+    def _add_rotation(self, tick: Tick) -> None:
+        """Add a tick's rotations to the present second; begin again after a gap."""
         if tick.gap_s > 0.0:
             self._interrupt()
         turns = tick.rotation_rad.tolist()
@@ -66,10 +67,13 @@ class SlipSlope:
             self._end_second()
 
     def _interrupt(self) -> None:
+        """Drop the present second and those before it."""
         self._distance_m, self._elapsed_s = [0.0] * 4, 0.0
         self._seconds.clear()
 
     def _end_second(self) -> None:
+        """Compute speed and slip of the second that ends; add a point for the one before it, if it is
+        usable."""
         fl, fr, rl, rr = self._distance_m
         elapsed_s = self._elapsed_s
         self._distance_m, self._elapsed_s = [0.0] * 4, 0.0

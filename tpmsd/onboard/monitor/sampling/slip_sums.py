@@ -51,8 +51,8 @@ class SlopeSums:
     """Sum of accelerations times slips per second of age, m/s3."""
 
     @classmethod
-    def of(cls, points: Sequence[SlipSecond]) -> SlopeSums:
-        """Return the sums of one window."""
+    def from_points(cls, points: Sequence[SlipSecond]) -> SlopeSums:
+        """Return the sums of one window; zeros for fewer than two points."""
         if len(points) < 2:
             return cls()
         mean = [sum(values) / len(points) for values in zip(*points, strict=True)]
@@ -69,7 +69,7 @@ class SlopeSums:
         return SlopeSums(*(one + two for one, two in zip(astuple(self), astuple(other), strict=True)))
 
     def slope(self) -> Slope | None:
-        """None where the car was hardly accelerated."""
+        """Return the slip per acceleration with its variance; None where the car was hardly accelerated."""
         if self.freedom < SLIP_SLOPE.min_seconds or self.accel2 < SLIP_SLOPE.min_accel2:
             return None
         slope = self.both / self.accel2

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.settings import TREND
-from tpmsd.onboard.monitor.slow_leaks.noise import FilterMoments, NoiseLevels, taken
+from tpmsd.onboard.monitor.slow_leaks.noise import FilterMoments, NoiseLevels, update_by_reading
 from tpmsd.onboard.monitor.slow_leaks.settings import TrendSettings
 from tpmsd.onboard.monitor.slow_leaks.state import (
     BASE,
@@ -33,9 +33,9 @@ from tpmsd.onboard.monitor.slow_leaks.state import (
     SIZE,
     WEEK_D,
     WHEEL_SETS,
-    filled,
-    first_gaussian,
-    predicted,
+    initial_gaussian,
+    predict,
+    refill_covariance,
 )
 
 IntArray = NDArray[np.int64]
@@ -93,7 +93,7 @@ class HypothesisBranches:
 
 
 class LeakFilter:
-    """One set of tyres."""
+    """Gaussian-sum filter of one set of tyres."""
 
     def __init__(self, settings: TrendSettings = TREND, leak: tuple[int, float, float] | None = None) -> None:
         """`leak`: (wheel, rate, its standard deviation): this leak goes on or there is none, one as probable
@@ -101,11 +101,11 @@ class LeakFilter:
         self._settings = settings
         self._may_begin = leak is None
         self.day: float | None = None
-        self._levels = NoiseLevels.first(settings)
+        self._levels = NoiseLevels.initial(settings)
         cases = [(NO_WHEEL, 0.0, 0.0)] if leak is None else [(NO_WHEEL, 0.0, 0.0), leak]
         drift = np.array([one for one in settings.drift_stds for _ in cases])
         wheel = np.array([case[0] for _ in settings.drift_stds for case in cases], dtype=np.int64)
-        mean, covariance = first_gaussian(settings, drift)
+        mean, covariance = initial_gaussian(settings, drift)
         for k, (one, rate, std) in enumerate(cases * len(settings.drift_stds)):
             if one != NO_WHEEL:
                 mean[k, RATE.start + one] += rate
@@ -117,7 +117,7 @@ class LeakFilter:
             covariance,
             wheel,
             drift,
-            self._levels.first_sums(n),
+            self._levels.initial_sums(n),
             np.where(wheel == NO_WHEEL, math.nan, 0.0),
             np.zeros(n),
         )
@@ -128,36 +128,39 @@ class LeakFilter:
         return float(np.exp(self.hypotheses.log_weight[chosen]).sum())
 
     def add(self, day: float, value: FloatArray, variance: FloatArray, known_step: bool = False) -> None:
-        """Take the reading of a drive, not before the last: (3,) contrasts in per cent of pressure, NaN where
-        one is not known; `variance` of the estimates; `known_step`: the driver asked for a reset before.
-        Nothing happens between the drives of a day: a second one is held against the same splits."""
+        """Update by the reading of a drive, not before the last: (3,) contrasts in per cent of pressure, NaN
+        where one is not known; `variance` of the estimates; `known_step`: the driver asked for a reset
+        before. Nothing happens between the drives of a day: a second one updates the same hypotheses."""
         if self.day is not None and math.floor(self.day) == math.floor(day) and not known_step:
-            self._take(self.hypotheses, value, variance)
+            self._update_hypotheses(self.hypotheses, value, variance)
             return
         every = self.hypotheses
         days = 0.0 if self.day is None else day - self.day
         if self.day is not None:
-            mean, covariance = predicted(self._settings, every.mean, every.covariance, every.drift, days)
+            mean, covariance = predict(self._settings, every.mean, every.covariance, every.drift, days)
             every = replace(every, mean=mean, covariance=covariance)
         splits = self._split(every, days, known_step)
         # What a reading says of a split needs the contrasts alone: states are made for those that are kept.
         seen = FilterMoments(splits.mean, splits.covariance, every.noise[splits.parent])
-        log_weight = splits.log_weight + taken(seen, np.eye(len(CONTRASTS)), value, variance, self._levels)[1]
+        log_weight = (
+            splits.log_weight
+            + update_by_reading(seen, np.eye(len(CONTRASTS)), value, variance, self._levels)[1]
+        )
         wheel = np.where(splits.begins == NO_WHEEL, every.wheel[splits.parent], splits.begins)
         best = [
             chosen[np.argsort(-log_weight[chosen], kind="stable")[: self._settings.kept]]
             for chosen in (np.flatnonzero(wheel == one) for one in range(NO_WHEEL, 4))
         ]
         index = np.concatenate(best)
-        kept = self._made(every, splits, index, day, days)
-        self._take(replace(kept, days=kept.days + 1.0), value, variance)
+        kept = self._make_hypotheses(every, splits, index, day, days)
+        self._update_hypotheses(replace(kept, days=kept.days + 1.0), value, variance)
         self.day = day
 
-    def _take(self, every: LeakHypotheses, value: FloatArray, variance: FloatArray) -> None:
-        """Update these hypotheses, weights included, by the reading."""
+    def _update_hypotheses(self, every: LeakHypotheses, value: FloatArray, variance: FloatArray) -> None:
+        """Update these hypotheses, weights included, by the reading, and keep them."""
         before = FilterMoments(every.mean, every.covariance, every.noise)
-        after, likelihood = taken(before, SEEN, value, variance, self._levels)
-        self._levels, noise = self._levels.after(value, after.noise)
+        after, likelihood = update_by_reading(before, SEEN, value, variance, self._levels)
+        self._levels, noise = self._levels.after_reading(value, after.noise)
         log_weight = every.log_weight + likelihood
         self.hypotheses = replace(
             every,
@@ -174,7 +177,7 @@ class LeakFilter:
         both = np.concatenate([SEEN, np.eye(SIZE)[LOST]])
         mean = every.mean @ both.T
         covariance = both @ every.covariance @ both.T
-        refilled, changed = self._chances(days, known_step)
+        refilled, changed = self._event_probabilities(days, known_step)
         same = math.log(max(1.0 - refilled - changed, MIN_PROBABILITY))
         three = slice(0, len(CONTRASTS))
         means, covariances = [mean[:, three]], [covariance[:, three, three]]
@@ -186,7 +189,9 @@ class LeakFilter:
                 for wheel in wheels:
                     back[:, len(CONTRASTS) + wheel] = CONTRASTS[:, wheel]
                 means.append(mean @ back.T)
-                covariances.append(back @ covariance @ back.T + CONTRASTS @ filled(s, wheels) @ CONTRASTS.T)
+                covariances.append(
+                    back @ covariance @ back.T + CONTRASTS @ refill_covariance(s, wheels) @ CONTRASTS.T
+                )
                 logs.append(every.log_weight + math.log(refilled * s.refill_shares[k]))
                 events.append(k)
             for k, wheels in enumerate(WHEEL_SETS):
@@ -215,7 +220,7 @@ class LeakFilter:
             *map(np.concatenate, (parents, kinds, begins, rates, logs, means, covariances))
         )
 
-    def _chances(self, days: float, known_step: bool) -> tuple[float, float]:
+    def _event_probabilities(self, days: float, known_step: bool) -> tuple[float, float]:
         """Return the probabilities of a refill and of changed wheels since the last reading."""
         s = self._settings
         if self.day is None:
@@ -230,10 +235,10 @@ class LeakFilter:
             return max(refilled, s.step_after_gap[0]), max(changed, s.step_after_gap[1])
         return refilled, changed
 
-    def _made(
+    def _make_hypotheses(
         self, every: LeakHypotheses, splits: HypothesisBranches, index: IntArray, day: float, days: float
     ) -> LeakHypotheses:
-        """Return the hypotheses of these splits, before the reading."""
+        """Return the hypotheses of the splits of these indices, before the reading."""
         s = self._settings
         out = every.take(splits.parent[index])  # a copy
         event, begins = splits.event[index], splits.begins[index]
@@ -244,7 +249,7 @@ class LeakFilter:
             part = out.covariance[chosen]
             part[:, indices, :] = 0.0
             part[:, :, indices] = 0.0
-            part[:, LOST, LOST] += filled(s, wheels)
+            part[:, LOST, LOST] += refill_covariance(s, wheels)
             out.covariance[chosen] = part
             chosen = np.flatnonzero(event == len(WHEEL_SETS) + k)
             for base in (BASE.start + wheel for wheel in wheels):

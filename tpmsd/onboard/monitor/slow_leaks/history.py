@@ -54,7 +54,8 @@ class LeakHistory:
         self._step_next = False
 
     def add(self, day: float, difference_m: FloatArray, variance_m2: FloatArray) -> bool:
-        """Take the reading of one drive, (3,) each; whether it was taken."""
+        """Add the reading of one drive, (3,) each; return False if it is left out, being of a day before the
+        last."""
         last = self.readings[-1].day if self.readings else day
         same = math.floor(day) == math.floor(last)
         if day < last and last - day <= READINGS.stepped_back_d and not same:
@@ -73,44 +74,45 @@ class LeakHistory:
         return True
 
     def mark_step(self) -> None:
-        """Note that the driver asked for a reset: levels may change here, rates go on."""
+        """Record that the driver asked for a reset before the next reading: levels may change there, rates go
+        on."""
         self._step_next = bool(self.readings)
 
     def forget_before(self, day: float) -> None:
-        """Forget what was before this day; it has been dealt with."""
+        """Drop the readings before this day."""
         self.readings = [r for r in self.readings if r.day >= day]
         self._filters.clear()
 
     def trend(self, metres_per_percent: Three) -> Trend | None:
-        """Return the likeliest leak; None with too few readings. `metres_per_percent`: of each contrast."""
+        """Return the likeliest leak; None without readings, or if its probability is below one half.
+        `metres_per_percent`: of each contrast."""
         if not self.readings:
             return None
         first = (LeakFilter(self._settings), len(self.readings))
         past, new = self._filters.get(metres_per_percent, first)
-        self._play(past, self.readings[max(len(self.readings) - new, 0) :], metres_per_percent)
+        self._add_readings(past, self.readings[max(len(self.readings) - new, 0) :], metres_per_percent)
         self._filters[metres_per_percent] = (past, 0)
         return trend_of(past, self._settings)
 
-    def ended(
+    def leak_has_ended(
         self, metres_per_percent: Three, wheel: int, rate: tuple[float, float], since_day: float
     ) -> bool:
-        """Return whether the last days, from `since_day` on, speak against a leak of this wheel going on;
-        `rate` and its standard deviation in per cent per week.
-        """
+        """Return whether the last days, from `since_day` on, show that a leak of this wheel has ended; `rate`
+        and its standard deviation in per cent per week."""
         since = LeakFilter(self._settings, (wheel, *rate))
-        self._play(since, self.last_since(since_day), metres_per_percent)
+        self._add_readings(since, self.recent_readings(since_day), metres_per_percent)
         return has_ended(since, self._settings)
 
-    def last_since(self, day: float) -> list[Reading]:
-        """Return the readings of the last days, from this one on, by which it is judged whether a leak goes
-        on.
-        """
+    def recent_readings(self, day: float) -> list[Reading]:
+        """Return the readings of the last `clear_days` days, from this one on, by which it is judged whether
+        a leak goes on."""
         since = [r for r in self.readings if r.day >= day]
         last = sorted({math.floor(r.day) for r in since})[-self._settings.clear_days :]
         return [r for r in since if math.floor(r.day) in last]
 
     @staticmethod
-    def _play(into: LeakFilter, readings: list[Reading], metres_per_percent: Three) -> None:
+    def _add_readings(into: LeakFilter, readings: list[Reading], metres_per_percent: Three) -> None:
+        """Update a filter by readings, in per cent of pressure."""
         scale = np.array(metres_per_percent)
         for one in readings:
             known = np.isfinite(one.variance_m2)
@@ -119,11 +121,16 @@ class LeakHistory:
                 into.add(one.day, value, np.array(one.variance_m2) / scale**2, one.known_step)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         return {
             "step_next": self._step_next,
             "days": [
-                [r.day, *map(_or_none, r.difference_m), *map(_or_none, r.variance_m2), r.known_step]
+                [
+                    r.day,
+                    *map(_finite_or_none, r.difference_m),
+                    *map(_finite_or_none, r.variance_m2),
+                    r.known_step,
+                ]
                 for r in self.readings
             ],
         }
@@ -150,6 +157,7 @@ def _three(values: Sequence[float] | FloatArray) -> Three:
 
 
 def _read_entry(entry: list[Any]) -> Reading:
+    """Return the reading of a saved entry, of earlier versions too; ValueError if it is none."""
     if len(entry) == _FIRST:
         entry = [*entry[:3], None, *entry[3:5], None, *entry[5:]]
     if len(entry) == _MERGED:
@@ -168,5 +176,5 @@ def _read_entry(entry: list[Any]) -> Reading:
     )
 
 
-def _or_none(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

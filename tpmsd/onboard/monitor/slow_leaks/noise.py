@@ -32,17 +32,17 @@ class NoiseLevels:
     """Half the number of readings that each factor was learned from."""
 
     @classmethod
-    def first(cls, settings: TrendSettings) -> NoiseLevels:
-        """Before the first reading."""
+    def initial(cls, settings: TrendSettings) -> NoiseLevels:
+        """Return the levels before the first reading."""
         return cls(settings, (settings.noise_shape, settings.noise_shape))
 
-    def first_sums(self, n: int) -> FloatArray:
-        """(n, 2) sums of squares of a factor of one."""
+    def initial_sums(self, n: int) -> FloatArray:
+        """Return the (n, 2) sums of squares that stand for factors of one."""
         return np.full((n, 2), self.settings.noise_shape)
 
-    def after(self, value: FloatArray, sums: FloatArray) -> tuple[NoiseLevels, FloatArray]:
-        """With one reading more, and the sums that belong to it: of more readings than `max_noise_shape`
-        the older ones fade."""
+    def after_reading(self, value: FloatArray, sums: FloatArray) -> tuple[NoiseLevels, FloatArray]:
+        """Return the levels after one reading more, and the sums (n, 2) that belong to them: beyond
+        `max_noise_shape` readings the older ones fade."""
         shape, out = list(self.shape), sums.copy()
         for contrast, level in enumerate(LEVEL_OF):
             shape[level] += 0.5 * bool(np.isfinite(value[contrast]))
@@ -65,11 +65,11 @@ class FilterMoments:
     """(n, 2)"""
 
 
-def taken(
+def update_by_reading(
     before: FilterMoments, seen: FloatArray, value: FloatArray, variance: FloatArray, levels: NoiseLevels
 ) -> tuple[FilterMoments, FloatArray]:
-    """After a reading (3,) of `seen` (3, d) times the values, NaN where there is none, with its `variance`;
-    and its log-likelihood (n,) but for a constant."""
+    """Return the moments after a reading (3,) of `seen` (3, d) times the values, NaN where there is none,
+    with its `variance`; and its log-likelihood (n,) but for a constant."""
     s = levels.settings
     mean, covariance, noise = before.mean, before.covariance, before.noise.copy()
     log, shape = np.zeros(len(mean)), list(levels.shape)

@@ -33,27 +33,27 @@ WHEEL_SETS: tuple[list[int], ...] = ([0, 1, 2, 3], [0, 1], [2, 3], [0], [1], [2]
 """The tyres of one visit to the pump or the workshop: all, an axle, one."""
 
 
-def first_gaussian(settings: TrendSettings, drift: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean (n, SIZE) and covariance before the first reading; `drift` (n, 3)."""
+def initial_gaussian(settings: TrendSettings, drift: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean (n, SIZE) and covariance (n, SIZE, SIZE) before the first reading; `drift` (n, 3)."""
     n, four = len(drift), np.eye(4)
     mean, covariance = np.zeros((n, SIZE)), np.zeros((n, SIZE, SIZE))
     mean[:, RATE] = settings.diffusion[0]
     covariance[:, BASE, BASE] = settings.first_base_std**2 * four
-    covariance[:, LOST, LOST] = filled(settings, WHEEL_SETS[0])
+    covariance[:, LOST, LOST] = refill_covariance(settings, WHEEL_SETS[0])
     covariance[:, RATE, RATE] = settings.diffusion[1] ** 2 * four
     covariance[:, range(DRIFT.start, DRIFT.stop), range(DRIFT.start, DRIFT.stop)] = drift**2
     covariance[:, WEAR, WEAR] = settings.wear_std**2
     return mean, covariance
 
 
-def filled(settings: TrendSettings, wheels: list[int]) -> FloatArray:
-    """(4, 4) covariance of what these tyres lack when air has been put in."""
+def refill_covariance(settings: TrendSettings, wheels: list[int]) -> FloatArray:
+    """Return the (4, 4) covariance of the pressure that these tyres lack after air has been put in."""
     out = np.zeros((4, 4))
     out[wheels, wheels] = settings.refill_std**2
     return out
 
 
-def predicted(
+def predict(
     settings: TrendSettings, mean: FloatArray, covariance: FloatArray, drift: FloatArray, days: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and covariance after days without a reading: the time update of the Kalman filter."""

@@ -42,7 +42,7 @@ class Trend:
     """Days from the last reading until 20 % are lost: 2.5 %, 50 % and 97.5 % quantile; not below zero."""
 
     def noticeable(self, settings: TrendSettings = TREND) -> bool:
-        """Return whether it is a leak."""
+        """Return whether the leak is probable, long and large enough for a notice."""
         return (
             self.probability >= settings.raise_probability
             and self.days >= settings.min_days
@@ -67,8 +67,8 @@ class Leaks:
     days: FloatArray
 
     @classmethod
-    def of(cls, every: LeakHypotheses, wheel: int) -> Leaks:
-        """Return the leaks of this tyre."""
+    def from_hypotheses(cls, every: LeakHypotheses, wheel: int) -> Leaks:
+        """Return the hypotheses in which this tyre leaks."""
         chosen = every.take(np.flatnonzero(every.wheel == wheel))
         pair = next(axle for axle in AXLES if wheel in axle)
         other = pair[1 - pair.index(wheel)]
@@ -85,11 +85,11 @@ class Leaks:
 
 
 def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | None:
-    """Return the likeliest leak; None where there being none is likelier."""
+    """Return the likeliest leak; None before any reading, or if its probability is below one half."""
     if filter_.day is None:
         return None
-    leaks = [Leaks.of(filter_.hypotheses, wheel) for wheel in range(4)]
-    chances = [_beyond(leak, settings) for leak in leaks]
+    leaks = [Leaks.from_hypotheses(filter_.hypotheses, wheel) for wheel in range(4)]
+    chances = [_leak_probability(leak, settings) for leak in leaks]
     wheel = int(np.argmax(chances))
     if chances[wheel] < 0.5:
         return None
@@ -104,28 +104,28 @@ def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | No
         lost=float(weight @ leak.lost),
         days=float(weight @ leak.days),
         span_d=float(weight @ (filter_.day - leak.onset_d)),
-        low_in_d=_low_in_d(leak, weight, filter_.day, settings),
+        low_in_d=_days_until_low(leak, weight, filter_.day, settings),
     )
 
 
 def has_ended(filter_: LeakFilter, settings: TrendSettings = TREND) -> bool:
-    """Return whether the days seen by a filter of one leak (`leak` given) speak against its going on."""
+    """Return whether the days seen by a filter of one leak (`leak` given) show that it has ended."""
     seen = filter_.hypotheses.days.max() >= settings.min_days
     gone = filter_.probability(NO_WHEEL)
     return bool(seen and gone >= 1.0 / (1.0 + math.exp(-settings.clear_gain)))
 
 
-def _beyond(leak: Leaks, settings: TrendSettings) -> float:
-    """Probability of this leak at `min_rate` and more."""
+def _leak_probability(leak: Leaks, settings: TrendSettings) -> float:
+    """Return the probability of this leak at `min_rate` and more."""
     z = (leak.rate - settings.min_rate) / np.sqrt(leak.rate_var)
     return float(leak.weight @ np.array([normal_cdf(float(one)) for one in z]))
 
 
-def _low_in_d(
+def _days_until_low(
     leak: Leaks, weight: FloatArray, day: float, settings: TrendSettings
 ) -> tuple[float, float, float]:
-    """Quantiles over what is not known: hypothesis, rate and loss so far, what the difference does not show
-    (stratified normal quantiles of each)."""
+    """Return the 2.5, 50 and 97.5 % quantiles of the days until 20 % are lost, over hypothesis, rate, loss so
+    far and what the difference does not show (stratified normal quantiles of each)."""
     steps = [NORMAL.inv_cdf((k + 0.5) / settings.strata) for k in range(settings.strata)]
     first, second, third, fourth = (axis.ravel() for axis in np.meshgrid(steps, steps, steps, steps))
     std = np.sqrt(leak.rate_var)

@@ -45,8 +45,8 @@ class DriveReading:
         self._samples = 0
         self._taken = False
 
-    def due(self, dt_s: float) -> bool:
-        """Let informative driving pass; whether a sample is to be taken."""
+    def add_driving(self, dt_s: float) -> bool:
+        """Add informative driving; return whether a sample is due."""
         self._driven_s += dt_s
         self._since_s += dt_s
         return self._driven_s >= READINGS.warm_s and self._since_s >= READINGS.sample_s and not self._taken
@@ -57,8 +57,9 @@ class DriveReading:
         self._sums += np.stack([difference_m, variance_m2])
         self._samples += 1
 
-    def result(self, *, over: bool) -> tuple[FloatArray, FloatArray] | None:
-        """Difference and variance (3,) once there is a reading, and only once; `over`: the drive is."""
+    def take_reading(self, *, over: bool) -> tuple[FloatArray, FloatArray] | None:
+        """Return difference and variance (3,) once enough was driven, and only once; else None. `over`: the
+        drive has ended, and less driving is enough."""
         enough = READINGS.warm_s + (READINGS.min_s if over else READINGS.full_s)
         if self._taken or self._driven_s < enough or not self._samples:
             return None
@@ -68,7 +69,7 @@ class DriveReading:
 
 
 class SlowLeakWatch:
-    """All sets of tyres of one car."""
+    """Watches for slow leaks of all sets of tyres of one car."""
 
     def __init__(self, vehicle: VehicleConfig, tyre: TyreConfig, wheels: list[int]) -> None:
         self._wheels = sorted(wheels)
@@ -86,20 +87,21 @@ class SlowLeakWatch:
 
     @property
     def active(self) -> tuple[AlarmEvent, ...]:
-        """The notices that stand, each as it was raised."""
+        """The active notices, each as it was raised."""
         return tuple(self._notices.values())
 
     def reset(self, tyres: str) -> None:
-        """Note a reset: levels change, a leak goes on."""
+        """Record a reset of this set: levels change, a leak goes on."""
         if tyres in self._histories:
             self._histories[tyres].mark_step()
 
     def update(
         self, tick: Tick, estimate: RadiusEstimate, baseline: TyreSetBaseline, tyres: str, trusted: bool
     ) -> list[AlarmEvent]:
-        """Take one tick. `baseline` knows what each wheel grows or slips with speed beyond the others;
-        `tyres`: the set that is driven; `trusted`: whether wheels and receiver agree."""
-        events = self._changed(tyres, tick)
+        """Update by one tick; return the notices that it raised or cleared. `baseline` knows what each wheel
+        grows or slips with speed beyond the others; `tyres`: the set that is driven; `trusted`: whether
+        wheels and receiver agree."""
+        events = self._change_set(tyres, tick)
         begins = tick.time_s - self._moved_s > READINGS.new_drive_s
         if begins:
             events += self._commit(tick, over=True)
@@ -108,14 +110,14 @@ class SlowLeakWatch:
             self._moved_s = tick.time_s
         if not (estimate.informative and trusted and tick.host_time_s >= READINGS.earliest_s):
             return events
-        if not self._reading.due(tick.dt_s):
+        if not self._reading.add_driving(tick.dt_s):
             return events
         self._day = tick.host_time_s / DAY_S
-        if (reading := self._known(estimate, baseline)) is not None:
+        if (reading := self._precise_contrasts(estimate, baseline)) is not None:
             self._reading.add(*reading)
         return events + self._commit(tick, over=False)
 
-    def _known(
+    def _precise_contrasts(
         self, estimate: RadiusEstimate, baseline: TyreSetBaseline
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return difference and variance of each contrast (3,), NaN for those that are not monitored; None
@@ -144,21 +146,25 @@ class SlowLeakWatch:
             for left, right in (AXLES[axle] for axle in self._axles)
         )
 
-    def _changed(self, tyres: str, tick: Tick) -> list[AlarmEvent]:
-        """Other tyres are driven: what was said of those before is taken back."""
+    def _change_set(self, tyres: str, tick: Tick) -> list[AlarmEvent]:
+        """Record the set of tyres that is driven; if it is another, return the cleared events of the other
+        set's notices."""
         if tyres == self._tyres:
             return []
         events = []
         if self._tyres is not None:
-            events = [_cleared(event, tick, f"{tyres} is driven now") for event in self._notices.values()]
+            events = [
+                _cleared_event(event, tick, f"{tyres} is driven now") for event in self._notices.values()
+            ]
             self._notices.clear()
             self._reading = DriveReading()
         self._tyres = tyres
         return events
 
     def _commit(self, tick: Tick, *, over: bool) -> list[AlarmEvent]:
-        """Take the drive's reading, if it is due, and return what the trend is with it."""
-        reading = self._reading.result(over=over)
+        """Add the drive's reading to the history, if it is due; return the notices that this raises or
+        clears."""
+        reading = self._reading.take_reading(over=over)
         if reading is None or self._tyres is None:
             return []
         history = self._histories.setdefault(self._tyres, LeakHistory())
@@ -169,13 +175,14 @@ class SlowLeakWatch:
         return self._judge_history(history, tick)
 
     def _judge_history(self, history: LeakHistory, tick: Tick) -> list[AlarmEvent]:
+        """Return the event of a notice that the history clears or raises; empty if none."""
         for wheel, notice in self._notices.items():
             since = notice.time_s / DAY_S
             rate = (notice.rate_percent_per_week, notice.rate_std_percent_per_week)
-            if history.ended(self._per_percent, wheel, rate, since):
+            if history.leak_has_ended(self._per_percent, wheel, rate, since):
                 del self._notices[wheel]
-                history.forget_before(history.last_since(since)[0].day)
-                return [_cleared(notice, tick, "the drives since then show no leak")]
+                history.forget_before(history.recent_readings(since)[0].day)
+                return [_cleared_event(notice, tick, "the drives since then show no leak")]
         trend = history.trend(self._per_percent)
         if trend is None or not trend.noticeable() or self._notices:
             return []
@@ -185,18 +192,18 @@ class SlowLeakWatch:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         return {
             "histories": {name: history.to_json() for name, history in self._histories.items()},
             "tyres": self._tyres,
-            "notices": [_to_json(event) for event in self._notices.values()],
+            "notices": [_notice_to_json(event) for event in self._notices.values()],
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
+        """Restore what `to_json` returned; ValueError (nothing restored) if it does not fit."""
         try:
             histories = {str(name): LeakHistory.from_json(e) for name, e in saved["histories"].items()}
-            notices = {WHEELS.index(entry["wheel"]): _from_json(entry) for entry in saved["notices"]}
+            notices = {WHEELS.index(entry["wheel"]): _notice_from_json(entry) for entry in saved["notices"]}
             tyres = saved["tyres"]
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"the saved trends are none: {type(error).__name__}: {error}") from error
@@ -211,7 +218,7 @@ class SlowLeakWatch:
 
 def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
     """Return the notice of a leak of this wheel, now."""
-    early, middle, late = (_date(time_s / DAY_S + in_d) for in_d in trend.low_in_d)
+    early, middle, late = (_iso_date(time_s / DAY_S + in_d) for in_d in trend.low_in_d)
     reason = (
         f"loses {trend.rate:.1f} +- {trend.rate_std:.1f} % of its pressure per week against its fellow, by "
         f"{trend.days:.0f} days of driving in {trend.span_d:.0f} days; 20 % low on {middle} "
@@ -234,16 +241,18 @@ def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
     )
 
 
-def _cleared(event: AlarmEvent, tick: Tick, why: str) -> AlarmEvent:
+def _cleared_event(event: AlarmEvent, tick: Tick, why: str) -> AlarmEvent:
+    """Return the cleared event of a notice, with the cause."""
     reason = f"no longer so ({why}): {event.reason}"
     return replace(event, time_s=tick.host_time_s, state="cleared", probability=0.0, reason=reason)
 
 
-def _date(day: float) -> str:
+def _iso_date(day: float) -> str:
+    """Return the date (ISO 8601) of a day since the epoch."""
     return date.fromordinal(_EPOCH + int(min(max(day, 0.0), _LAST_DAY))).isoformat()
 
 
-def _to_json(event: AlarmEvent) -> dict[str, Any]:
+def _notice_to_json(event: AlarmEvent) -> dict[str, Any]:
     return {
         "wheel": event.wheel,
         "time_s": event.time_s,
@@ -257,7 +266,7 @@ def _to_json(event: AlarmEvent) -> dict[str, Any]:
     }
 
 
-def _from_json(saved: dict[str, Any]) -> AlarmEvent:
+def _notice_from_json(saved: dict[str, Any]) -> AlarmEvent:
     early, late = (date.fromisoformat(str(text)).isoformat() for text in saved["low_between"])
     return AlarmEvent(
         time_s=number(saved["time_s"], 0.0, LARGEST, "time"),
