@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
 
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
-from tpmsd.offline.dynamics.competitors import with_best_variants, with_likeliest
+from tpmsd.offline.dynamics.competitors import Compared, with_best_variants, with_likeliest
+from tpmsd.offline.dynamics.findings import findings_of
 from tpmsd.offline.dynamics.path import Setup
-from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.terms import term_of
 
 
@@ -22,6 +24,34 @@ def test_a_soft_axle_and_wheels_that_give_way_are_one_to_a_linear_car(tmp_path: 
     one = found.findings[0]
     assert {"compliance_steer", "cornering_stiffness_error"} <= {one.effect, *one.indistinguishable_from}
     assert 0.1 < one.confidence < 0.9
+
+
+def test_a_name_is_as_likely_as_the_selections_that_hold_it(tmp_path: Path) -> None:
+    """A selection in which a name became needless beside another term's competitor counts against it."""
+    where = folder(
+        tmp_path / "d", hidden(mass_error={"relative": 0.1}, yaw_rate_scale={"scale": 1.02}), duration_s=20.0
+    )
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    search.keep_stage()
+    search.terms = [
+        term_of(make_dynamics_effect(name, **values), baseline)
+        for name, values in {"mass_error": {"relative": 0.1}, "yaw_rate_scale": {"scale": 1.02}}.items()
+    ]
+    search.settle()
+    look = search.look(search.offered())
+    both, alone = frozenset({"mass_error", "roll_steer"}), frozenset({"cornering_stiffness_error"})
+    nats = {"mass_error": {"cornering_stiffness_error": 1.0}, "yaw_rate_scale": {"roll_steer": 2.0}}
+    keys = {("mass_error", "cornering_stiffness_error"): alone, ("yaw_rate_scale", "roll_steer"): both}
+    elsewhere = Compared(search, look, nats, keys).elsewhere()
+
+    assert elsewhere == {"mass_error": (), "yaw_rate_scale": (CompetingSelection(1.0, alone),)}
+    before, after = (
+        next(one for one in findings_of(search, look, None, each) if one.effect == "yaw_rate_scale")
+        for each in (None, elsewhere)
+    )
+    assert 1.0 / after.confidence - 1.0 / before.confidence == pytest.approx(math.e)
+    assert "cornering_stiffness_error" in after.indistinguishable_from
 
 
 def test_a_name_that_is_plainly_likelier_takes_the_place_of_the_one_selected(tmp_path: Path) -> None:

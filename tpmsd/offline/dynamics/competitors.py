@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics
-from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.stages import log_marginal, marginal_parts
 from tpmsd.offline.dynamics.terms import CandidateTerm
@@ -22,6 +22,10 @@ CompetitorFits = Mapping[tuple[str, str], Search]
 """Selections with a competitor in its term's place, by the same."""
 
 
+CompetitorKeys = Mapping[tuple[str, str], frozenset[str]]
+"""Keys of the named terms of these selections, by the same: other terms may have become needless in them."""
+
+
 @dataclass(frozen=True)
 class Compared:
     """A selection, its statistics, and the competitors of its terms."""
@@ -29,6 +33,24 @@ class Compared:
     search: Search
     look: ModelStatistics
     competitors: CompetitorNats
+    keys: CompetitorKeys
+
+    def elsewhere(self) -> dict[str, tuple[CompetingSelection, ...]]:
+        """Return for each term the selections that lack it though another term is the one exchanged, each
+        selection once.
+
+        A name is as likely as all the selections that hold it together.
+        """
+        out: dict[str, tuple[CompetingSelection, ...]] = {}
+        for term in self.search.named:
+            best: dict[frozenset[str], float] = {}
+            own = {keys for (key, _), keys in self.keys.items() if key == term.key}
+            for (key, name), keys in self.keys.items():
+                if key != term.key and term.key not in keys and keys not in own:
+                    nats = self.competitors[key][name]
+                    best[keys] = max(best.get(keys, nats), nats)
+            out[term.key] = tuple(CompetingSelection(nats, keys) for keys, nats in best.items())
+        return out
 
 
 def with_likeliest(search: Search) -> Compared:
@@ -38,11 +60,11 @@ def with_likeliest(search: Search) -> Compared:
     search = with_best_variants(search)
     while True:
         look = search.look([term for term in search.offered() if term.name not in search.rejected])
-        nats, fits = fitted_competitors(search, look)
+        nats, fits, keys = fitted_competitors(search, look)
         seen.add(frozenset(term.name for term in search.terms))
         other = _likelier(search, look, nats, fits, seen)
         if other is None:
-            return Compared(search, look, nats)
+            return Compared(search, look, nats, keys)
         search = other
 
 
@@ -109,9 +131,9 @@ def _likelier(
 
 def fitted_competitors(
     search: Search, look: ModelStatistics
-) -> tuple[dict[str, dict[str, float]], CompetitorFits]:
-    """Return the log odds of the competitors of each named term, fitted on a part of the blocks, and the fits
-    where that part is the whole drive."""
+) -> tuple[dict[str, dict[str, float]], CompetitorFits, CompetitorKeys]:
+    """Return the log odds of the competitors of each named term, fitted on a part of the blocks, the fits
+    where that part is the whole drive, and the keys of their terms."""
     few = search.part()
     whole = len(search.setup.drive.time_s) / len(few.setup.drive.time_s)
     own = few.copied()
@@ -120,6 +142,7 @@ def fitted_competitors(
     own.error = own.prediction_error()
     out: dict[str, dict[str, float]] = {}
     fits: dict[tuple[str, str], Search] = {}
+    keys: dict[tuple[str, str], frozenset[str]] = {}
     for k, term in enumerate(search.terms):
         if term.nuisance or term.name == "unknown":
             continue
@@ -134,9 +157,10 @@ def fitted_competitors(
                 gain, rest = _parts(fitted, own, at)
                 nats = whole * (gain - likelihood) + rest - other
                 out.setdefault(term.key, {})[competitor.name] = nats
+                keys[term.key, competitor.name] = frozenset(one.key for one in fitted.named)
                 if few.setup is search.setup:
                     fits[term.key, competitor.name] = fitted
-    return out, fits
+    return out, fits, keys
 
 
 def _close(look: ModelStatistics, k: int) -> list[CandidateTerm]:

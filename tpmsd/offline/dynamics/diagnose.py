@@ -71,7 +71,7 @@ def diagnose_dynamics(
     setup = Setup(baseline, drive, channels)
     likeliest = with_likeliest(searched(setup, tuple(given), say, simulated or ()))
     search, look = likeliest.search, likeliest.look
-    found = findings_of(search, look, likeliest.competitors)
+    found = findings_of(search, look, likeliest.competitors, likeliest.elsewhere())
     threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
     steps, outputs, curves = _compared(search)
     certificate = None

@@ -8,7 +8,7 @@ shown.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from tpmsd.offline.dynamics.result import (
     Residuals,
     UndetectableEffect,
 )
-from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import typical_values
 
@@ -44,12 +44,16 @@ BINS = 12
 
 
 def findings_of(
-    search: Search, look: ModelStatistics, fitted: CompetitorNats | None = None
+    search: Search,
+    look: ModelStatistics,
+    fitted: CompetitorNats | None = None,
+    elsewhere: Mapping[str, Sequence[CompetingSelection]] | None = None,
 ) -> tuple[DynamicsFinding, ...]:
     """Return findings and suspicions, the strongest on held-out blocks first.
 
     What has odds of more than twenty against it is no suspicion. `fitted` are log odds of competing names
-    that were fitted in a term's place; those of others are of first order.
+    that were fitted in a term's place; those of others are of first order. `elsewhere` are selections that
+    lack a term, by its key, though another one is exchanged in them.
     """
     slots = [_with_fitted(look.slot(k), fitted or {}) for k in range(len(search.terms))]
     if not slots:
@@ -65,7 +69,8 @@ def findings_of(
         refitted = without
         if len(slots) > 1:
             refitted = _without(few, (*few.base, *(term.effect for term in look.others_without(k))))
-        one = _finding(search, few, slot, Guesses(with_all, without, refitted), alternatives)
+        without_it = (elsewhere or {}).get(slot.term.key, ())
+        one = _finding(search, few, slot, Guesses(with_all, without, refitted), alternatives, without_it)
         found.append(replace(one, term=k))
     return suspected(with_a_cause(sorted(found, key=lambda one: -one.loglik_gain)))
 
@@ -145,7 +150,14 @@ def _without(few: Search, theta: Theta) -> FloatArray:
     return predicted(setup, theta, few.at.path[:, [*rows, *rest]])
 
 
-def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternatives: int) -> DynamicsFinding:
+def _finding(
+    search: Search,
+    few: Search,
+    slot: Slot,
+    guesses: Guesses,
+    alternatives: int,
+    elsewhere: Sequence[CompetingSelection],
+) -> DynamicsFinding:
     setup, term = search.setup, slot.term
     with_all, without = guesses.with_all, guesses.without
     change = with_all - without
@@ -163,10 +175,9 @@ def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternat
     p_value = 1.0 - (1.0 - min(slot.p_value, 1.0)) ** alternatives
     p_value = max(p_value, min(alternatives * slot.p_value, 1.0) if slot.p_value < 1e-9 else p_value)
     competitors = [(competitor.name, value) for competitor, value in slot.competitors]
-    confounded_with = tuple(
-        dict.fromkeys(name for name, value in competitors if value > slot.evidence - SETTINGS.confounded_nats)
-    )
-    against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in competitors)
+    odds = [value - slot.evidence for _, value in competitors] + [one.nats for one in elsewhere]
+    confounded_with = _confounded_with(search, competitors, slot.evidence, elsewhere)
+    against = sum(math.exp(min(nats, 50.0)) for nats in odds)
     against += odds_of_nothing(slot.evidence, slot.distance)
     with_nameless_term = search.may_be_proxy and search.nameless_there and term.name != "unknown"
     against += math.exp(min(term.proxy_nats, 50.0))
@@ -178,7 +189,7 @@ def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternat
         blocks = len(setup.drive.starts)
         against += math.hypot(stays, spread_of_blocks(slot.overdispersion, slot.distance, blocks))
     confidence = 1.0 / (1.0 + against)
-    doubtful = likelier_not(against, [value - slot.evidence for _, value in competitors])
+    doubtful = likelier_not(against, odds)
     return DynamicsFinding(
         effect=term.name,
         status=SUSPICION if p_value > MAX_P_VALUE or doubtful else FINDING,
@@ -199,6 +210,22 @@ def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternat
         unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, output], without[:, output], with_all[:, output]),
     )
+
+
+def _confounded_with(
+    search: Search,
+    competitors: Sequence[tuple[str, float]],
+    evidence: float,
+    elsewhere: Sequence[CompetingSelection],
+) -> tuple[str, ...]:
+    """Return the names in a term's place, and those of the selections that do without it, that are about as
+    likely."""
+    least = -SETTINGS.confounded_nats
+    names = [name for name, value in competitors if value - evidence > least]
+    own = {term.key for term in search.terms}
+    for one in elsewhere:
+        names += [key.split(":")[0] for key in sorted(one.keys - own) if one.nats > least]
+    return tuple(dict.fromkeys(names))
 
 
 def likelier_not(against: float, competitors: Sequence[float]) -> bool:
