@@ -74,7 +74,9 @@ def commit() -> str | None:
         if not head.startswith("ref: "):
             return head or None
         name = head.removeprefix("ref: ")
-        common = git / (git / "commondir").read_text(encoding="utf-8").strip() if _linked(git) else git
+        common = (
+            git / (git / "commondir").read_text(encoding="utf-8").strip() if _is_linked_worktree(git) else git
+        )
         if (common / name).is_file():
             return (common / name).read_text(encoding="utf-8").strip()
         packed = (common / "packed-refs").read_text(encoding="utf-8")
@@ -83,7 +85,7 @@ def commit() -> str | None:
         return None
 
 
-def _linked(git: Path) -> bool:
+def _is_linked_worktree(git: Path) -> bool:
     return (git / "commondir").is_file()
 
 

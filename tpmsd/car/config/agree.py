@@ -145,6 +145,7 @@ def _radii_by_wheel(
 
 
 def _one_radius(value: object) -> float:
+    """Return the nominal radius (m) that all wheels share; BadValueError if the value is none."""
     if isinstance(value, list):
         raise BadValueError(
             "not a number", show(value), f"{RADIUS.allowed}, or {{ fl = , fr = , rl = , rr = }}"

@@ -85,6 +85,7 @@ def _check_kind(read: Mapping[str, Any]) -> None:
 
 
 def _read_signal_fill(value: object) -> OutputSignal:
+    """Return value and options that fill a signal of a message; BadValueError if they are invalid."""
     if isinstance(value, bool):
         raise BadValueError("not a value", show(value), "a number, or a name in quotes")
     if isinstance(value, int | float):
@@ -105,6 +106,7 @@ def _read_signal_fill(value: object) -> OutputSignal:
 
 
 def _read_signal_options(name: str, value: Mapping[str, Any]) -> OutputSignal:
+    """Return the table form of `_read_signal_fill`, of the value `name`."""
     for key, owner in (("algorithm", "checksum"), ("data_id", "checksum"), ("modulo", "counter")):
         if key in value and name != owner:
             raise BadValueError(f"{key}: is of a {owner} only")

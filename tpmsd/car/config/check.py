@@ -59,6 +59,7 @@ class _Checker:
         self._warnings: list[Problem] = []
 
     def check(self) -> CheckResult:
+        """Return the result of all checks."""
         parsed = self._parsed
         self._check_interface()
         found: dict[str, tuple[Message, Signal]] = {}
@@ -127,6 +128,7 @@ class _Checker:
         return {name: found for name, path in paths.items() if (found := read[path]) is not None}
 
     def _find_signals(self, databases: Mapping[str | None, Database]) -> dict[str, tuple[Message, Signal]]:
+        """Return role -> message and signal in the database of its bus; report roles without one."""
         found = {}
         for role, name in self._parsed.signals.items():
             option = self._parsed.options.get(role, SignalOptions())
@@ -143,6 +145,7 @@ class _Checker:
         return found
 
     def _check_signal(self, role: str, message: Message, signal: Signal) -> None:
+        """Report contradictions between a role and its signal; warn of a unit that the DBC does not state."""
         name = f"{message.name}.{signal.name}"
         counter = role.startswith("wheel_count_")
         option = self._parsed.options.get(role, SignalOptions())

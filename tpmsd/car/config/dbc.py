@@ -164,6 +164,7 @@ def _nearest_signal(message: Message, signal_name: str, taken: Collection[str]) 
 
 
 def _first_names(names: list[str]) -> str:
+    """Return the first names, and how many more there are."""
     more = len(names) - _MAX_LISTED
     return " ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 

@@ -238,6 +238,8 @@ class DbcReader:
         return found if self._values <= MAX_CODECS else (None, None, "too many multiplexer values")
 
     def _to_message(self, message: _DbcMessage) -> Message:
+        """Return the message as cantools has it; without multiplexed signals if they have too many
+        layouts."""
         signals = []
         root = next((signal.name for signal in message.signals.values() if signal.mux == "M"), None)
         found = {
@@ -337,6 +339,8 @@ def _codec_count(message: _DbcMessage, found: dict[str, _Branches]) -> int:
 
 
 def _cantools_signal(signal: _Signal, parent: str | None, branches: list[int] | None) -> Signal:
+    """Return the signal as cantools has it; `parent` is its multiplexer, `branches` the values that select
+    it."""
     is_float = signal.is_float and signal.length in (16, 32, 64)
     scale = int(signal.factor) if signal.factor.is_integer() else signal.factor
     offset = int(signal.offset) if signal.offset.is_integer() else signal.offset

@@ -98,7 +98,8 @@ class _ConfigParser:
         self._given: dict[str, set[str]] = {table: set() for table in self._tables}
 
     def parse(self, dbc: Path | None) -> Parsed:
-        self._refuse_unknown_tables()
+        """Return the records and problems of the document; `dbc` takes the place of the file's own."""
+        self._report_unknown_tables()
         given = self._given
         good = {table: self._read_table(table, rules) for table, rules in self._tables.items()}
         entries = good["can.signals"]
@@ -164,11 +165,12 @@ class _ConfigParser:
         return value if isinstance(value, dict) else {}
 
     def _report(self, bad: BadValueError, table: str, key: str = "", *inside: str) -> None:
+        """Add a problem of a key, or of the place `inside` its value, with its line."""
         path = (*table.split("."), *([key] if key else []), *inside)
         name = f"[{table}] {'.'.join(show_key(step) for step in (key, *inside))}" if key else f"[{table}]"
         self._problems.append(bad.at(self._document.file, self._document.line(*path), name))
 
-    def _refuse_unknown_tables(self) -> None:
+    def _report_unknown_tables(self) -> None:
         tops = [table for table in self._tables if "." not in table]
         for name, value in self._document.data.items():
             bad = None

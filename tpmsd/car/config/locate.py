@@ -172,6 +172,7 @@ class _Scanner:
 
 
 def _unquoted(key: str) -> str:
+    """Return a quoted key as text; `_NotTomlError` if it is not a key."""
     try:
         return str(tomllib.loads(f"key = {key}")["key"])
     except tomllib.TOMLDecodeError:

@@ -52,12 +52,12 @@ class Discovery:
 
     @property
     def roles(self) -> dict[str, FoundRole]:
-        """Candidates found for each role."""
+        """Return the signal found for each role."""
         return self.result.roles
 
     @property
     def wheels_decided(self) -> bool:
-        """True if every wheel has its signal."""
+        """Return whether every wheel has its signal."""
         return self.result.wheels_decided
 
     def vehicle_toml(self, dbc: str = "bus.dbc") -> str:

@@ -85,7 +85,7 @@ class Announcer:
 
     @property
     def is_ready(self) -> bool:
-        """True if it is known which alarms were announced before."""
+        """Return whether it is known which alarms were announced before."""
         return self._known is not None
 
     def recall(self, payload: bytes | None) -> None:

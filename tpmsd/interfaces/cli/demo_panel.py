@@ -94,12 +94,12 @@ class Panel:
             what += f", {since_s:.0f} s after the puncture began"
         verb = "ALARM" if raised else "cleared"
         self._overwrite("")
-        for number, line in enumerate(self._wrapped(f"{verb:<11} {what}")):
+        for number, line in enumerate(self._wrap_beyond_margin(f"{verb:<11} {what}")):
             margin = f"{drive_time(received.time_s):>6}  " if number == 0 else " " * MARGIN
             self._print(margin + self.paint(line, RED if raised else GREEN))
         self._print(f"{'':8}frame       {frame}")
         words_shown = [f"{k}={v}" for k, v in words.items() if k not in _UNSPOKEN and v not in _NOTHING]
-        for line in self._wrapped(f"{'decoded':<11} {'  '.join(words_shown)}"):
+        for line in self._wrap_beyond_margin(f"{'decoded':<11} {'  '.join(words_shown)}"):
             self._print(" " * MARGIN + line)
 
     def show(self) -> None:
@@ -116,7 +116,9 @@ class Panel:
             tyres.append(self.paint(text, style))
         if learned and not self._learned:
             self._overwrite("")
-            words_shown = self._wrapped(f"{'monitoring':<11} the radii of all four wheels are learned")
+            words_shown = self._wrap_beyond_margin(
+                f"{'monitoring':<11} the radii of all four wheels are learned"
+            )
             self._print(f"{drive_time(self.now()):>6}  " + f"\n{'':{MARGIN}}".join(words_shown))
             self._learned = True
         word = "ALARM" if "alarm" in states.values() else "monitoring" if learned else "learning"
@@ -134,7 +136,8 @@ class Panel:
         """Return the terminal's columns less one: a full line would move the cursor on."""
         return (terminal_width(self._out) or WIDTH + 1) - 1
 
-    def _wrapped(self, text: str) -> list[str]:
+    def _wrap_beyond_margin(self, text: str) -> list[str]:
+        """Return the text in lines that fit right of the margin."""
         width = max(self._columns() - MARGIN, 30)
         return textwrap.wrap(
             text, width, subsequent_indent=" " * INDENT, drop_whitespace=True, break_on_hyphens=False

@@ -90,12 +90,14 @@ def _update_part(progress: Progress, first: float, last: float, share: float) ->
 
 
 def _picture(diagnosis: DynamicsDiagnosis, name: str, suffix: str) -> bytes:
+    """Return the diagnosis as a picture of the form `suffix`."""
     from tpmsd.offline.report.dynamics_plot import plot_dynamics
 
     return plot_dynamics(diagnosis, name, suffix)
 
 
 def _page(diagnosis: DynamicsDiagnosis, name: str, origin: Mapping[str, Any]) -> str:
+    """Return the diagnosis as an HTML page."""
     from tpmsd.offline.report.dynamics_page import dynamics_page
     from tpmsd.offline.report.page import Origin
 

@@ -135,12 +135,13 @@ def write_files(found: BusDiscovery, dbc: Path | None, target: Path) -> list[Pat
 
 
 def _lies_elsewhere(dbc: Path, target: Path) -> bool:
-    """True if the DBC lies in another folder than the configuration."""
+    """Return whether the DBC lies in another folder than the configuration."""
     return dbc.resolve().parent != target.absolute().parent.resolve()
 
 
 def _is_copied(dbc: Path, target: Path) -> bool:
-    """True if a copy of the DBC has to be written; False if the file beside it is that copy."""
+    """Return whether a copy of the DBC has to be written: not if the file next to the configuration is that
+    copy."""
     own_dbc = target.with_suffix(".dbc")
     is_there = own_dbc.is_file() and dbc.is_file() and own_dbc.read_bytes() == dbc.read_bytes()
     return _lies_elsewhere(dbc, target) and not is_there

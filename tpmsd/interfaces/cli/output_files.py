@@ -59,7 +59,7 @@ class Outputs:
 
     @property
     def fill_stdout(self) -> bool:
-        """True if an output goes to standard output, so that the report for people must not."""
+        """Return whether an output goes to standard output, so that the report for people must not."""
         return STDOUT in self._targets.values()
 
     def say(self, text: str, end: str = "\n") -> None:

@@ -160,6 +160,7 @@ def _checked_effects(names: list[str]) -> list[str]:
 
 
 def _equipment_of(args: argparse.Namespace) -> Equipment:
+    """Return car, sensors and noise that a plan assumes: those of the drive, else those of the options."""
     import numpy as np
 
     from tpmsd.offline.inference.recording import car_of

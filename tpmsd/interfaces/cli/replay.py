@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.say(replay_summary(result))
     outputs.write(
         {
-            "--plot": lambda: _plot(result, args.plot),
+            "--plot": lambda: _picture(result, args.plot),
             "--html": lambda: _page(result, table, origin()),
             **_table_writers(table, config),
             "--json": lambda: json_text({**origin(), **replay_document(result)}),
@@ -150,13 +150,15 @@ def _table_writers(table: TickTable | None, config: Config) -> dict[str, Callabl
     }
 
 
-def _plot(result: ReplayResult, file: Path) -> bytes:
+def _picture(result: ReplayResult, file: Path) -> bytes:
+    """Return the replay as a picture of the form of the file's suffix."""
     from tpmsd.offline.report.replay_plot import plot_replay
 
     return plot_replay(result, file.suffix)
 
 
 def _page(result: ReplayResult, table: TickTable | None, origin: dict[str, Any]) -> str:
+    """Return the replay as an HTML page."""
     from tpmsd.interfaces.api.pages import replay_html
     from tpmsd.offline.report.page import Origin
 

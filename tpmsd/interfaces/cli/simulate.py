@@ -326,6 +326,8 @@ def _play_live(args: argparse.Namespace, spec: DriveSpec, motion: Motion | None)
 
 
 def _read_vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:
+    """Return the vehicle and the antenna's position, metres forward and left, of a configuration or by
+    default."""
     from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE
 
     if path is None:

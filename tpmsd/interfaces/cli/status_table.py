@@ -338,8 +338,10 @@ def _list_or_empty(table: Mapping[str, Any], key: str) -> list[Any]:
 
 
 def _plain(text: str, style: str) -> str:
+    """Return the text without colour, in the place of `_paint`."""
     return text
 
 
 def _paint(text: str, style: str) -> str:
+    """Return the text in the style of a terminal."""
     return f"\x1b[{style}m{text}\x1b[0m"

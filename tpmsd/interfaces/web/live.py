@@ -61,6 +61,8 @@ class LiveHub:
             await asyncio.sleep(self.settings.retry_s)
 
     async def _follow_daemon(self) -> None:
+        """Publish each document that the daemon sends; TpmsdError where it cannot be reached or falls
+        silent."""
         try:
             reader, writer = await asyncio.open_unix_connection(str(self.socket), limit=MAX_LINE_BYTES)
         except OSError as error:
@@ -81,6 +83,7 @@ class LiveHub:
                 await writer.wait_closed()
 
     async def _publish(self, document: Mapping[str, Any] | None, reason: str) -> None:
+        """Set the newest document, None where the daemon is down, and wake all streams."""
         self.document, self.reason = document, reason
         if document is not None:
             self._add_to_history(document)
@@ -90,6 +93,7 @@ class LiveHub:
             self._changed.notify_all()
 
     def _add_to_history(self, document: Mapping[str, Any]) -> None:
+        """Add the document's row to the timeline, unless less than a step has passed since the last row."""
         now = document.get("time")
         if not isinstance(now, int | float):
             return

@@ -81,7 +81,8 @@ def compiled_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep
 
 
 def steps(moved: FloatArray, by: Gains) -> FloatArray:
-    """Return (w, c + 9, c + 9): carried states before and data to carried states after and innovations."""
+    """Return the (w, c + 9, c + 9) matrices from carried states before and data to carried states after and
+    innovations."""
     carry, back = moved.shape[2], by.gain.transpose(0, 2, 1)
     seen = by.inverse @ moved[:, carry:]
     states = np.concatenate([moved[:, :carry] - back @ seen, back @ by.inverse], axis=2)

@@ -35,6 +35,7 @@ def _response(windows: Linearised, *seen: tuple[int, int, FloatArray | float]) -
 
 
 def _clock_response(windows: Linearised) -> FloatArray:
+    """Return the (w, 9, 1) response of the fixes to an error of their time."""
     v = _speed_mps(windows)
     velocity = windows.to_east_north[:, :, 0] / WINDOW_S * v[:, None]
     return _response(
@@ -47,11 +48,13 @@ def _clock_response(windows: Linearised) -> FloatArray:
 
 
 def _side_slip_response(windows: Linearised) -> FloatArray:
+    """Return the (w, 9, 1) response of course and position to a side slip."""
     late = -windows.after_fixes[:, 2:] * windows.to_east_north[:, :, 2]
     return _response(windows, (COURSE, 0, 1.0), (EAST, 0, late[:, 0]), (NORTH, 0, late[:, 1]))
 
 
 def _left_right_drift_response(windows: Linearised) -> FloatArray:
+    """Return the (w, 9, 1) response of the wheels' distances to a drift of left against right."""
     distance_m = _speed_mps(windows) * WINDOW_S
     return _response(
         windows, *((wheel, 0, -distance_m if IS_LEFT[wheel] else distance_m) for wheel in range(4))

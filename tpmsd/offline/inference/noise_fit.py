@@ -95,7 +95,7 @@ def fit_noise(
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
     A long drive is represented by two stretches of it.
     """
-    whole = _data(windows, columns, inflate)
+    whole = _data_of(windows, columns, inflate)
     names = whole.estimable()
     if stage is SearchStage.FIRST:
         part = _with_radii_by_stretch(representative(whole, FIT_WINDOWS))
@@ -122,14 +122,14 @@ def refit(
     windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None, names: Sequence[str]
 ) -> Noise:
     """Return the noise with these parameters alone fitted, on the whole drive."""
-    return maximised(_data(windows, columns, inflate), noise, names)
+    return maximised(_data_of(windows, columns, inflate), noise, names)
 
 
 def log_posterior(
     windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None
 ) -> float:
     """Return the log-likelihood with the columns' values at their best, plus the log prior of the noise."""
-    data = _data(windows, columns, inflate)
+    data = _data_of(windows, columns, inflate)
     made = Whitener(data.space, diagonals(data.space, noise, data.inflate))
     y, X, _ = _whitened_orthonormal(data, made)
     left = y - X @ (X.T @ y)
@@ -296,7 +296,8 @@ def _channel_of_parameter(name: str) -> int:
     return EAST if name.startswith(("white", "slow", "clock", "age")) else 2
 
 
-def _data(windows: Linearised, columns: FloatArray, inflate: FloatArray | None) -> Data:
+def _data_of(windows: Linearised, columns: FloatArray, inflate: FloatArray | None) -> Data:
+    """Return the data of a noise fit; a channel is missing where column 0 is NaN."""
     here = np.isfinite(columns[:, :, 0])
     weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
     return Data(geometry(windows, here), columns, weight)

@@ -44,4 +44,5 @@ def _sliding_windows(values: FloatArray, size: int, beyond: str) -> FloatArray:
 
 
 def _padded(values: FloatArray, more: int, beyond: str) -> FloatArray:
+    """Return the values with `more` samples added at both ends, by the edge's value or mirrored."""
     return np.pad(values, more, mode="edge" if beyond == NEAREST else "symmetric")

@@ -186,6 +186,7 @@ def changed_diagonals(
 
 
 def _steps(space: Geometry, noise: Noise, inflate: FloatArray | None) -> Steps:
+    """Return gaps, jumps and reading variances of the windows, which the state blocks need."""
     v = space.speed_mps
     jump = np.ones(len(v))
     if inflate is not None:

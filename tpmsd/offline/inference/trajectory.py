@@ -184,6 +184,8 @@ def twiced(values: FloatArray, sigma: float) -> FloatArray:
 
 
 def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArray]:
+    """Return yaw rate and speed (n + 1,) at the ticks' edges, from a gyro if there is one, and the rear
+    wheels."""
     rate = recording.rotation_rad / recording.dt_s * car.radius_m
     sigma = SPEED_SMOOTHING_S / recording.dt_s
     turning = (rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m
@@ -205,6 +207,7 @@ def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArr
 
 
 def _has_gyro(recording: Recording) -> bool:
+    """Return whether more than 80 % of the yaw rates are known."""
     return bool(np.isfinite(recording.inertial["yaw_rate_radps"]).mean() > 0.8)
 
 

@@ -67,11 +67,12 @@ class Whitener:
 
     @cached_property
     def _phi(self) -> FloatArray:
+        """Return (w, c, c): errors of the carried states by those before."""
         return self._system.phi
 
     @cached_property
     def _step(self) -> FloatArray:
-        """(w, c, c) transition of the carried states under the filter."""
+        """Return the (w, c + 9, c + 9) matrices of `gains.steps`."""
         return steps(self._carried_response, self._found)
 
     @classmethod

@@ -284,6 +284,7 @@ class Reader:
         return np.asarray(number[self._kept], dtype=np.float64)
 
     def _linearised_windows(self, base: ExtendedModel) -> Windows:
+        """Return the windows, linearised at the reference motion where a model acts."""
         recording, motion, car = self.recording, self.reference.motion, self.reference.car
         kept, per, count = self._kept, self._per, self._count
         measured = np.full((len(kept), CHANNELS), np.nan)

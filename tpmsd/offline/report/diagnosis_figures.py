@@ -34,22 +34,22 @@ class ResidualTrace(Protocol):
 
     @property
     def covariate(self) -> str:
-        """Name of the covariate."""
+        """Return the name of the covariate."""
         ...
 
     @property
     def middle(self) -> FloatArray:
-        """(n,) middles of the bins, in the covariate's unit."""
+        """Return the (n,) middles of the bins, in the covariate's unit."""
         ...
 
     @property
     def before(self) -> FloatArray:
-        """(n,) means without the effect."""
+        """Return the (n,) means without the effect, in standard deviations."""
         ...
 
     @property
     def after(self) -> FloatArray:
-        """(n,) means with it."""
+        """Return the (n,) means with the effect, in standard deviations."""
         ...
 
 

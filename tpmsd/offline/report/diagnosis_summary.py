@@ -133,6 +133,7 @@ def remainder_sentences(diagnosis: RollingDiagnosis) -> list[str]:
 
 
 def _has_structure_left(diagnosis: RollingDiagnosis) -> bool:
+    """Return whether a nonparametric model has a significant gain beyond the findings."""
     return diagnosis.reach is not None and diagnosis.reach.structured
 
 

@@ -233,6 +233,7 @@ def _alarm_gid(alarm: AlarmEvent) -> str:
 
 
 def _mark_on_curve(axis: Axes, alarm: AlarmEvent, at_s: float) -> None:
+    """Draw a marker on the wheel's curve where an alarm was raised or cleared."""
     if alarm.wheel is None or not np.isfinite(alarm.deviation_m):
         return
     raised = alarm.state == "raised"

@@ -141,5 +141,5 @@ class ReplayResult:
 
     @property
     def states(self) -> dict[str, WheelState]:
-        """The state of each wheel at the end."""
+        """Return the state of each wheel at the end."""
         return {outcome.wheel: outcome.state for outcome in self.wheels}

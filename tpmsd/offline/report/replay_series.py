@@ -76,11 +76,11 @@ class ReplaySeries:
         return np.asarray(np.maximum.accumulate(previous), dtype=np.float64)
 
     def uninformative_spans(self) -> list[tuple[float, float]]:
-        """Spans (s) of driving from which no radius is learned."""
+        """Return the spans (s) of driving from which no radius is learned."""
         return _spans(self.informative == 0.0, self.edges_s)
 
     def outage_spans(self) -> list[tuple[float, float]]:
-        """Spans (s) of more than `GNSS_GAP_S` without a fix, each from the last fix on."""
+        """Return the spans (s) of more than `GNSS_GAP_S` without a fix, each from the last fix on."""
         silent_s = np.minimum(self.gnss_age_s, self.drive_s)  # before the first fix the wait counts
         lost = silent_s > GNSS_GAP_S
         out = []

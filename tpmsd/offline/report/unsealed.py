@@ -26,8 +26,8 @@ def score(
 ) -> dict[str, Any]:
     """Return each concealed effect with the finding that names it, and the findings that name none of
     them."""
-    findings = _findings(report)
-    before = _findings(untouched or {})
+    findings = _findings_of(report)
+    before = _findings_of(untouched or {})
     matched = _match_findings(truth["effects"], findings)
     own = [
         rank
@@ -85,7 +85,8 @@ def _score_counts(concealed: list[dict[str, Any]]) -> dict[str, int]:
     }
 
 
-def _findings(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _findings_of(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the findings of a report; empty if it has none."""
     return [one for one in report.get("findings", []) if isinstance(one, Mapping)]
 
 
