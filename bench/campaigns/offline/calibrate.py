@@ -32,7 +32,7 @@ from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import RL, RR, FloatArray
 from tpmsd.offline.calibration.joint import JointFit, fit
 from tpmsd.offline.calibration.nominal import Vehicle
-from tpmsd.offline.calibration.paper import PaperSettings, fit_paper, un_fused
+from tpmsd.offline.calibration.paper import PaperSettings, fit_paper, un_fused_path
 from tpmsd.offline.calibration.reference import ReferencePose, reference_pose
 from tpmsd.offline.inference.recording import Recording
 
@@ -111,7 +111,7 @@ def circumferences(car: Vehicle) -> FloatArray:
 def pose_error_m(recording: Recording, reference: ReferencePose, c: FloatArray, track_m: float) -> float:
     """Mean over the course of the un-fused odometry's distance from the reference."""
     turned = recording.rotation_rad[:, [RL, RR]] / (2 * math.pi)
-    path = un_fused(turned, reference, c, track_m, slice(0, len(turned)))
+    path = un_fused_path(turned, reference, c, track_m, slice(0, len(turned)))
     return float(np.hypot(path[:, 0] - reference.east_m, path[:, 1] - reference.north_m).mean())
 
 

@@ -13,7 +13,7 @@ import pytest
 from tpmsd.car.physics.motion import Car
 from tpmsd.offline.calibration.joint import outlier_factors
 from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.offline.calibration.odometry import pieces, pose_error
+from tpmsd.offline.calibration.odometry import odometry_stretches, pose_error
 from tpmsd.offline.calibration.paper import PaperSettings, covariances, fit_paper
 from tpmsd.offline.calibration.reference import reference_pose
 from tpmsd.offline.calibration.result import FittedGeometry, WheelResult
@@ -105,7 +105,7 @@ def pose_error_of_larger_circle() -> float:
 
 def test_long_drives_are_cut_into_pieces() -> None:
     """Ten kilometres are judged in pieces of two, with an antenna ahead of the axle as well."""
-    found = pieces(perfect(np.tile(BENDS, 7), forward_m=1.5), car())
+    found = odometry_stretches(perfect(np.tile(BENDS, 7), forward_m=1.5), car())
 
     assert 5 == len(found)
     assert max(float(piece.distances_m.max()) for piece in found) < 0.01

@@ -45,11 +45,11 @@ def calibrate(
     check_fit(drives, found)  # the paper's method has no test of its own for tyres that lose pressure
     if method == "paper":
         by_paper = fit_paper(drives, start)
-        return _of_paper(drives, start, by_paper, found.reference_speed_mps), by_paper.vehicle
-    return _of_joint(drives, start, found), found.vehicle
+        return _geometry_of_paper_fit(drives, start, by_paper, found.reference_speed_mps), by_paper.vehicle
+    return _geometry_of_joint_fit(drives, start, found), found.vehicle
 
 
-def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> FittedGeometry:
+def _geometry_of_joint_fit(drives: list[Recording], start: Vehicle, found: JointFit) -> FittedGeometry:
     car = found.vehicle
     read = sorted({k for drive in drives for k in calibrated_wheels(drive)})
     front = 0 in read
@@ -76,12 +76,14 @@ def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Fitte
         stopped_because=found.stopped_because,
         pose_error_before_m=pose_error(drives, start),
         pose_error_after_m=pose_error(drives, car),
-        effects=_effects(found),
-        history_m=[_by_wheel(radii, read) for radii in found.history],
+        effects=_estimated_effects(found),
+        history_m=[_radii_by_wheel(radii, read) for radii in found.history],
     )
 
 
-def _of_paper(drives: list[Recording], start: Vehicle, found: PaperFit, speed_mps: float) -> FittedGeometry:
+def _geometry_of_paper_fit(
+    drives: list[Recording], start: Vehicle, found: PaperFit, speed_mps: float
+) -> FittedGeometry:
     rear = (2, 3)
     return FittedGeometry(
         method="paper",
@@ -100,11 +102,11 @@ def _of_paper(drives: list[Recording], start: Vehicle, found: PaperFit, speed_mp
         pose_error_before_m=pose_error(drives, start),
         pose_error_after_m=pose_error(drives, found.vehicle),
         effects={},
-        history_m=[_by_wheel(radii, list(rear)) for radii in found.history],
+        history_m=[_radii_by_wheel(radii, list(rear)) for radii in found.history],
     )
 
 
-def _by_wheel(radii: FloatArray, read: list[int]) -> dict[str, float]:
+def _radii_by_wheel(radii: FloatArray, read: list[int]) -> dict[str, float]:
     return {WHEELS[k]: float(radii[k]) for k in read}
 
 
@@ -121,7 +123,10 @@ _UNITS = {
 }
 
 
-def _effects(found: JointFit) -> dict[str, EstimatedEffect]:
+def _estimated_effects(found: JointFit) -> dict[str, EstimatedEffect]:
+    """Return the other parameters that the drives determine, those whose standard deviation is well below the
+    prior's.
+    """
     out = {}
     for name in found.names:
         base = name.split("@")[0]

@@ -13,8 +13,8 @@ import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.calibration.equations import CHANGES, COLUMNS, PIECES
-from tpmsd.offline.calibration.joint import PRIOR, JointFit, WhitenedEquations, whitened
-from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, nominal
+from tpmsd.offline.calibration.joint import PRIOR, JointFit, WhitenedEquations, whiten_equations
+from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, nominal_motion
 from tpmsd.offline.inference.recording import Recording
 
 MOVING_MPS = 3.0
@@ -63,22 +63,22 @@ class ChangeWithinDrive:
     """Time at which the change is complete, s."""
 
     @property
-    def informative(self) -> bool:
-        """True if this is taken for a loss of pressure."""
+    def is_pressure_loss(self) -> bool:
+        """True if the change is large and significant enough to be taken for a loss of pressure."""
         if self.wheel is None:  # tyres that warm up grow
             return self.sigmas > COMMON_SIGMA and self.relative < -MIN_COMMON_LOSS
         return self.sigmas > CHANGE_SIGMA and abs(self.relative) > MIN_CHANGE
 
     @property
     def words(self) -> str:
-        """Return the change in words."""
+        """The change in words."""
         if self.wheel is None:
             return f"the radii of all wheels change by {self.relative:+.2%}"
         return f"the radius of wheel {WHEELS[self.wheel]} changes by {self.relative:+.2%} against the others"
 
 
 def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
-    """Reject recordings that need no fit to be seen as unusable."""
+    """Raise RefusedError for recordings that are unusable by their contents alone, before a fit."""
     straight = turned = 0.0
     for at, recording in enumerate(recordings):
         wheels = calibrated_wheels(recording)
@@ -89,12 +89,12 @@ def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
         known = np.isfinite(recording.east_m)
         if known.sum() == 0:
             raise RefusedError("no position fixes of the receiver fall into the readings of the bus", at)
-        motion = nominal(recording, car)
+        motion = nominal_motion(recording, car)
         moving = motion.speed_mps > MOVING_MPS
         moving_s = float(moving.sum()) * recording.dt_s
         if moving_s < MIN_MOVING_S:
             raise RefusedError(f"too short: {moving_s:.0f} s of driving, {MIN_MOVING_S:.0f} s are needed", at)
-        near = _near(motion.time_s[moving], recording.fix_time_s[known])
+        near = _fraction_near_fixes(motion.time_s[moving], recording.fix_time_s[known])
         if known.sum() < MIN_FIXES or near < MIN_COVERED:
             raise RefusedError(
                 f"too few fixes: {int(known.sum())}, near {near:.0%} of the driving; {MIN_FIXES} near "
@@ -117,7 +117,8 @@ def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
         )
 
 
-def _near(times_s: FloatArray, fixes_s: FloatArray) -> float:
+def _fraction_near_fixes(times_s: FloatArray, fixes_s: FloatArray) -> float:
+    """Return the fraction of times that are within `FIX_REACH_S` of a fix; 0 without fixes."""
     after = np.clip(np.searchsorted(fixes_s, times_s), 1, max(len(fixes_s) - 1, 1))
     if len(fixes_s) < 2 or not len(times_s):
         return 0.0
@@ -126,10 +127,10 @@ def _near(times_s: FloatArray, fixes_s: FloatArray) -> float:
 
 
 def check_fit(recordings: list[Recording], fit: JointFit) -> None:
-    """Reject recordings that only the fit shows to be unusable."""
+    """Raise RefusedError for recordings that the fit shows to be unusable."""
     for at, (recording, rows) in enumerate(zip(recordings, fit.rows, strict=True)):
         change = worst_change(recording, rows)
-        if change.informative:
+        if change.is_pressure_loss:
             raise RefusedError(
                 f"{change.words} within {change.time_s:.0f} s ({change.sigmas:.0f} standard deviations): "
                 "a tyre that loses pressure cannot be calibrated",
@@ -155,11 +156,11 @@ def worst_change(recording: Recording, rows: WhitenedEquations) -> ChangeWithinD
     speed, yaw = equations.covariates["speed"], np.abs(equations.covariates["yaw_rate"])
     uneven = (speed * yaw > CALM_MPS2) | (speed < CALM_FROM_MPS) | (yaw > CALM_YAW_RADPS)
     inflate[uneven, :4] *= 1e4
-    white = whitened(equations, rows.noise, inflate)
+    white = whiten_equations(equations, rows.noise, inflate)
     y, X = white[:, :, 0], white[:, :, 1:]
     mean, std = np.array([PRIOR[name] for name in COLUMNS]).T
-    contrasts, wheel_of, piece_of = _contrasts(wheels)
-    size, sigmas = _sizes(y, X, (mean, std), contrasts, rows.time_s)
+    contrasts, wheel_of, piece_of = _change_contrasts(wheels)
+    size, sigmas = _estimated_contrasts(y, X, (mean, std), contrasts, rows.time_s)
     # Of a pair that drifts apart, the one that shrinks is to blame.
     best = int(np.argmax(sigmas * (np.abs(size) > MIN_CHANGE) - 1e-3 * (size > 0)))
     end_s = float(rows.time_s[-1])
@@ -170,20 +171,21 @@ def worst_change(recording: Recording, rows: WhitenedEquations) -> ChangeWithinD
     ramp = rows.X[:, :, steady:].sum(axis=2, keepdims=True) / PIECES
     priors = (np.append(mean[:steady], mean[-1]), np.append(std[:steady], std[-1]))
     columns = np.concatenate([rows.X[:, :, :steady], ramp], axis=2)
-    size, sigmas = _sizes(rows.y, columns, priors, np.eye(steady + 1)[-1:], rows.time_s)
+    size, sigmas = _estimated_contrasts(rows.y, columns, priors, np.eye(steady + 1)[-1:], rows.time_s)
     together = ChangeWithinDrive(None, float(size[0]), float(sigmas[0]), end_s)
-    return together if together.informative and not one.informative else one
+    return together if together.is_pressure_loss and not one.is_pressure_loss else one
 
 
-def _sizes(
+def _estimated_contrasts(
     y: FloatArray,
     X: FloatArray,
     prior: tuple[FloatArray, FloatArray],
     contrasts: FloatArray,
     time_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (q,) contrasts (q, p) of the parameters that rows of innovations (k, 9) and columns (k, 9, p)
-    give, and how many standard deviations that is."""
+    """Return (q,) estimates of contrasts (q, p) of the parameters by innovations (k, 9) and their columns (k,
+    9, p), and (q,) their sizes in standard deviations.
+    """
     mean, std = prior
     flat = X.reshape(-1, X.shape[2])
     covariance = np.linalg.inv(flat.T @ flat + np.diag(1.0 / np.square(std)))
@@ -204,9 +206,10 @@ def _sizes(
     return size, np.abs(size) / np.maximum(by_model, few * np.sqrt(np.square(sums).sum(axis=0)))
 
 
-def _contrasts(wheels: list[int]) -> tuple[FloatArray, list[int], list[int]]:
-    """Return (q, p) one wheel's change up to the end of a piece minus the mean of the others'; whose and
-    which."""
+def _change_contrasts(wheels: list[int]) -> tuple[FloatArray, list[int], list[int]]:
+    """Return (q, p) contrasts: one wheel's change up to the end of a piece minus the mean of the others'; and
+    (q,) the wheel and the piece of each.
+    """
     rows, wheel_of, piece_of = [], [], []
     for wheel in wheels:
         for piece in range(PIECES):

@@ -79,12 +79,12 @@ class Equations(Linearised):
 
     @property
     def data(self) -> FloatArray:
-        """(w, 9, 1 + p) residuals and columns side by side."""
+        """(w, 9, 1 + p) residuals (missing ones 0) and columns side by side."""
         return np.concatenate([np.nan_to_num(self.y)[:, :, None], self.X], axis=2)
 
 
-def probes() -> dict[str, FittedParameter]:
-    """Return a mapping name in a calibration -> parameter of an effect."""
+def calibration_parameters() -> dict[str, FittedParameter]:
+    """Return a mapping from the name in a calibration to the effect's parameter that it stands for."""
     out = {}
     for effect in EFFECTS.values():
         numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
@@ -102,7 +102,7 @@ def make_equations(
 
     A radius is that at the reference speed: `growth` acts on v^2 beyond its square.
     """
-    seen = _where_moving(recording, motion)
+    seen = _without_slow_courses(recording, motion)
     rolling = ExtendedModel(tuple(make_effect(one.name) for one in EFFECTS.values() if one.shortens))
     k = recording.ticks // round(WINDOW_S / recording.dt_s)
     load = make_effect(_PROBES["load_lateral"].effect, coefficient=car.load_lateral_s2)
@@ -112,11 +112,11 @@ def make_equations(
     y[:, [wheel for wheel in range(4) if wheel not in calibrated_wheels(recording)]] = math.nan
     distances = np.abs(np.stack([windows.measured[:, :4], windows.measured[:, :4] - y[:, :4]]))
     y[:, :4][(distances < _STOPPED_MPS * WINDOW_S).all(axis=0)] = math.nan
-    X = _columns(reader, rolling, car, reference_speed_mps)
+    X = _response_columns(reader, rolling, car, reference_speed_mps)
     X[~np.isfinite(y)] = 0.0
     design = windows.design.copy()
-    after = _after_fixes(seen, k)
-    _position_rows(design, windows, recording, motion, after[:, 2])
+    after = _fraction_after_fixes(seen, k)
+    _fill_position_rows(design, windows, recording, motion, after[:, 2])
     inflate = np.ones((k, CHANNELS))
     inflate[np.abs(windows.covariates["accel_kinematic"]) > MAX_ACCEL_MPS2, :GYRO] = SLIPPING
     return Equations(
@@ -132,8 +132,8 @@ def make_equations(
     )
 
 
-def _where_moving(recording: Recording, motion: NominalMotion) -> Recording:
-    """Return the recording without the receiver's speeds and courses where the car is slow."""
+def _without_slow_courses(recording: Recording, motion: NominalMotion) -> Recording:
+    """Return the recording with the receiver's speeds and courses NaN where the car is slow."""
     moving = np.interp(recording.fix_time_s, motion.time_s, motion.speed_mps) > MOVING_MPS
     return replace(
         recording,
@@ -166,7 +166,9 @@ def _reference(recording: Recording, motion: NominalMotion, car: Vehicle) -> Ref
     )
 
 
-def _columns(reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps: float) -> FloatArray:
+def _response_columns(
+    reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps: float
+) -> FloatArray:
     """Return (w, 9, p) response of the channels to each of `COLUMNS`."""
     k = len(reader.windows)
     X = np.zeros((k, CHANNELS, len(COLUMNS)))
@@ -175,18 +177,18 @@ def _columns(reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps
     for wheel in range(4):
         per_m = reader.by_radius(wheel, always, rolling)
         X[:, wheel, wheel] = per_m * car.radius_m[wheel]
-        X[:, wheel, _at("growth")] -= per_m * reference_mps**2
+        X[:, wheel, _parameter_index("growth")] -= per_m * reference_mps**2
         for piece in range(PIECES):
             share = np.clip(at - piece, 0.0, 1.0)
             X[:, wheel, len(PARAMETERS) + wheel * PIECES + piece] = X[:, wheel, wheel] * share
     for name, probe in _PROBES.items():
         size = (probe.value - probe.neutral) / getattr(car.geometry, f"{name}_m", 1.0)  # tracks: relative
-        X[:, :, _at(name)] += reader.change(rolling, probe.made()) / size
+        X[:, :, _parameter_index(name)] += reader.change(rolling, probe.made()) / size
     return X
 
 
-def _after_fixes(recording: Recording, count: int) -> FloatArray:
-    """Return (w, 3) share of each window that follows its speeds, courses and positions, in the mean."""
+def _fraction_after_fixes(recording: Recording, count: int) -> FloatArray:
+    """Return the (w, 3) mean fraction of each window that follows its speeds, courses and positions."""
     position, late = np.divmod(recording.fix_time_s / WINDOW_S, 1.0)
     out = np.zeros((count, 3))
     for column, values in enumerate((recording.speed_mps, recording.course_rad, recording.east_m)):
@@ -198,7 +200,7 @@ def _after_fixes(recording: Recording, count: int) -> FloatArray:
     return out
 
 
-def _position_rows(
+def _fill_position_rows(
     design: FloatArray, windows: Linearised, recording: Recording, motion: NominalMotion, after: FloatArray
 ) -> None:
     """Fill the rows of positions with the effect of yaw rate and heading at their own instant: by the
@@ -212,8 +214,8 @@ def _position_rows(
     design[:, EAST:, PSI] = arms
 
 
-def _at(name: str) -> int:
+def _parameter_index(name: str) -> int:
     return PARAMETERS.index(name)
 
 
-_PROBES = probes()
+_PROBES = calibration_parameters()

@@ -19,8 +19,15 @@ from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.effect import Parameter
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations, probes
-from tpmsd.offline.calibration.nominal import Vehicle, nominal
+from tpmsd.offline.calibration.equations import (
+    CHANGES,
+    COLUMNS,
+    LOCAL,
+    Equations,
+    calibration_parameters,
+    make_equations,
+)
+from tpmsd.offline.calibration.nominal import Vehicle, nominal_motion
 from tpmsd.offline.inference.fit import gram, solved
 from tpmsd.offline.inference.layouts import LEANING_CAR
 from tpmsd.offline.inference.noise import Noise
@@ -41,11 +48,12 @@ WIDE_PRIOR_STD = 0.2
 """Relative standard deviation of what a calibration is made for, radii and tracks: they are let free."""
 
 
-def _usual() -> dict[str, tuple[float, float]]:
-    """Return mean and standard deviation of the terms that confound radii, as the effects state them, from
-    neutral."""
+def _confounding_priors() -> dict[str, tuple[float, float]]:
+    """Return, by name, the prior mean and standard deviation of the terms that confound radii, relative to
+    the neutral value.
+    """
     out = {}
-    for name, probe in probes().items():
+    for name, probe in calibration_parameters().items():
         for one in EFFECTS[probe.effect].parameters:
             if isinstance(one, Parameter) and one.name == probe.parameter and one.prior is not None:
                 out[name] = (one.prior.mean - probe.neutral, one.prior.std)
@@ -53,7 +61,7 @@ def _usual() -> dict[str, tuple[float, float]]:
 
 
 PRIOR = {
-    **_usual(),
+    **_confounding_priors(),
     **dict.fromkeys(
         (*(f"radius_{wheel}" for wheel in WHEELS), "track_rear", "track_front"), (0.0, WIDE_PRIOR_STD)
     ),
@@ -113,9 +121,10 @@ class JointFit:
     rows: list[WhitenedEquations] = field(repr=False)
 
     def of_drive(self, drive: int) -> tuple[FloatArray, FloatArray]:
-        """Return (p,) the final values of a drive's parameters less those of its last linearisation, and
-        their covariance (p, p)."""
-        columns = _columns(self.names, drive)
+        """Return the (p,) final parameters of a drive less those of its last linearisation, and their (p, p)
+        covariance.
+        """
+        columns = _column_indices(self.names, drive)
         return (self.values - self.linearised)[columns], self.covariance[np.ix_(columns, columns)]
 
     def std(self, name: str) -> float:
@@ -131,8 +140,10 @@ class JointFit:
 def fit(
     recordings: list[Recording], start: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> JointFit:
-    """Estimate the car from its drives; `progress` is given the share of the work that is done."""
-    names = names_of(len(recordings))
+    """Estimate the car's parameters from its drives; `progress` is called with the fraction of the
+    work done.
+    """
+    names = parameter_names(len(recordings))
     reference_mps = reference_speed(recordings, start)
     mean, wide = _priors(names)
     steady = np.where([name.startswith("change") for name in names], _NONE, wide)
@@ -150,17 +161,17 @@ def fit(
         rows = []
         for at, recorded in enumerate(recordings):
             # A course bends by 4 mrad within a latency of 0.16 s: too much for a column that is linear in it.
-            late_s = moved[names.index(_own("latency", at))]
+            late_s = moved[names.index(_name_in_drive("latency", at))]
             recording = replace(recorded, fix_time_s=recorded.fix_time_s - late_s)
-            equations = make_equations(recording, nominal(recording, car), car, reference_mps)
+            equations = make_equations(recording, nominal_motion(recording, car), car, reference_mps)
             noise, inflate = noises[at], inflates[at]
             if noise is None or inflate is None:
                 noise, inflate = Noise.first(recording.quantum_rad, car.radius_m), equations.inflate
             if iteration in NOISE_ITERATIONS:
-                local = np.array([wide[names.index(_own(name, at))] for name in COLUMNS])
+                local = np.array([wide[names.index(_name_in_drive(name, at))] for name in COLUMNS])
                 last = iteration == NOISE_ITERATIONS[-1]
                 noise = _fit_noise(equations, noise, inflate, local, SLOW_WINDOWS if last else FIT_WINDOWS)
-            white = whitened(equations, noise, inflate)
+            white = whiten_equations(equations, noise, inflate)
             drive = WhitenedEquations(
                 white[:, :, 0], white[:, :, 1:], equations.time_s, equations, noise, inflate
             )
@@ -172,14 +183,14 @@ def fit(
         if iteration <= LAST_OUTLIERS:
             free, _ = solve(rows, names, mean, wide, moved)
             for at, drive in enumerate(rows):
-                residual = drive.y - drive.X @ (free - moved)[_columns(names, at)]
+                residual = drive.y - drive.X @ (free - moved)[_column_indices(names, at)]
                 before = drive.equations.inflate if iteration < LAST_OUTLIERS else drive.inflate
                 inflates[at] = before * outlier_factors(residual)
         std = np.sqrt(np.diag(covariance))
         change = np.abs(new - values) / std
         values = new
         moved = np.where(about, values, 0.0)
-        car = start.moved(
+        car = start.corrected(
             values[[names.index(f"radius_{wheel}") for wheel in ("fl", "fr", "rl", "rr")]],
             values[names.index("track_rear")],
             values[names.index("track_front")],
@@ -189,7 +200,7 @@ def fit(
         if iteration > NOISE_ITERATIONS[-1] and float(change.max()) < STILL:
             reason = f"no parameter moved by more than {STILL:g} of its standard deviation"
             break
-    covariance = _widened(rows, names, values, covariance, linearised, car.radius_m)
+    covariance = _widened_covariance(rows, names, values, covariance, linearised, car.radius_m)
     return JointFit(
         car, names, values, covariance, linearised, reference_mps, iteration, reason, history, rows
     )
@@ -205,49 +216,54 @@ def _fraction_done(iteration: int, drives: float) -> float:
 
 
 def reference_speed(recordings: list[Recording], car: Vehicle) -> float:
-    """Return the root of the mean square speed along the path of all drives, by the rear wheels."""
+    """Return the distance-weighted root mean square speed of all drives by the rear wheels, m/s."""
     speed = np.concatenate([r.rotation_rad[:, 2] * car.radius_m[2] / r.dt_s for r in recordings])
     speed = speed[np.isfinite(speed) & (speed > 1.0)]
     return float(np.sqrt(np.sum(speed**3) / np.sum(speed))) if speed.size else 0.0
 
 
-def names_of(drives: int) -> tuple[str, ...]:
-    """Return all parameters of so many drives."""
+def parameter_names(drives: int) -> tuple[str, ...]:
+    """Return the names of all parameters of so many drives; those of a single drive end in `@` and its
+    number.
+    """
     shared = tuple(name for name in COLUMNS if name not in LOCAL)
     return shared + tuple(f"{name}@{drive}" for drive in range(drives) for name in LOCAL)
 
 
-def _own(name: str, drive: int) -> str:
+def _name_in_drive(name: str, drive: int) -> str:
+    """Return the name of a parameter in a drive: with `@` and its number if it is the drive's own."""
     return f"{name}@{drive}" if name in LOCAL else name
 
 
-def _columns(names: tuple[str, ...], drive: int) -> list[int]:
-    """Return the columns of a drive among all parameters."""
-    return [names.index(_own(name, drive)) for name in COLUMNS]
+def _column_indices(names: tuple[str, ...], drive: int) -> list[int]:
+    """Return the indices of a drive's columns among all parameters."""
+    return [names.index(_name_in_drive(name, drive)) for name in COLUMNS]
 
 
 def _priors(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the (q,) prior means and standard deviations of the named parameters."""
     pairs = np.array([PRIOR[name.split("@")[0]] for name in names])
     return pairs[:, 0], pairs[:, 1]
 
 
-def whitened(equations: Equations, noise: Noise, inflate: FloatArray) -> FloatArray:
-    """Return (w, 9, 1 + p) a drive's residuals and columns as innovations."""
+def whiten_equations(equations: Equations, noise: Noise, inflate: FloatArray) -> FloatArray:
+    """Return the (w, 9, 1 + p) residuals and columns of a drive, whitened by a Kalman filter."""
     return Whitener.of(equations, noise, equations.here, inflate, LEANING_CAR).apply(equations.data)
 
 
 def _fit_noise(
     equations: Equations, start: Noise, inflate: FloatArray, prior_std: FloatArray, windows: int
 ) -> Noise:
-    """Return the likeliest noise of a drive by so many windows, its parameters integrated out under these
-    priors (p,)."""
+    """Return the maximum-likelihood noise of a drive by so many windows, its parameters integrated out under
+    these priors (p,).
+    """
     space = geometry(equations, equations.here, LEANING_CAR)
     data = representative(Data(space, equations.data, inflate, prior_std, priors={}), windows)
     return maximised(data, start, data.estimable())
 
 
 def outlier_factors(white: FloatArray) -> FloatArray:
-    """Return (w, 9) factors on the variances; a position weighs less on both axes."""
+    """Return (w, 9) factors on the variances for outliers; both axes of a position share the larger one."""
     factor = single_outliers(white)
     factor[:, EAST:] = factor[:, EAST:].max(axis=1, keepdims=True)
     return factor
@@ -266,7 +282,11 @@ def solve(
     The prior speaks of the values themselves, so it pulls them back by what was moved already.
     """
     grams = [
-        gram([_own(name, at) for name in COLUMNS], drive.y.reshape(-1, 1), drive.X.reshape(-1, len(COLUMNS)))
+        gram(
+            [_name_in_drive(name, at) for name in COLUMNS],
+            drive.y.reshape(-1, 1),
+            drive.X.reshape(-1, len(COLUMNS)),
+        )
         for at, drive in enumerate(rows)
     ]
     prior = dict(zip(names, zip(mean - moved, prior_std, strict=True), strict=True))
@@ -275,7 +295,7 @@ def solve(
     return moved + found.values[order, 0], found.covariance[np.ix_(order, order)]
 
 
-def _widened(
+def _widened_covariance(
     rows: list[WhitenedEquations],
     names: tuple[str, ...],
     values: FloatArray,
@@ -290,7 +310,7 @@ def _widened(
     """
     meat = np.zeros_like(covariance)
     for at, drive in enumerate(rows):
-        columns = _columns(names, at)
+        columns = _column_indices(names, at)
         residual = drive.y - drive.X @ (values - moved)[columns]
         score = np.einsum("kcp,kc->kp", drive.X, residual)
         cluster = (drive.time_s / CLUSTER_S).astype(int)

@@ -41,7 +41,7 @@ class Vehicle:
     load_lateral_s2: float = 0.0
     """Change of radius in bends, subtracted at the outer wheels and added at the inner ones, m per m/s2."""
 
-    def moved(
+    def corrected(
         self, radii: FloatArray, track_rear: float, track_front: float, load_lateral_s2: float = 0.0
     ) -> Vehicle:
         """Return the car after relative corrections of radii (4,) and tracks."""
@@ -59,7 +59,7 @@ class Vehicle:
 
 
 def vehicle_of(config: VehicleConfig) -> Vehicle:
-    """Return the car as configured."""
+    """Return the vehicle with the configured radii and geometry."""
     return Vehicle(
         np.array(config.wheel_radius_m, dtype=np.float64),
         WheelPositions(config.track_front_m, config.track_rear_m, config.wheelbase_m),
@@ -68,8 +68,9 @@ def vehicle_of(config: VehicleConfig) -> Vehicle:
 
 
 def calibrated_wheels(recording: Recording) -> list[int]:
-    """Return the rear pair in any case; the front pair before it, if both were read through most of the
-    drive."""
+    """Return the indices of the wheels to calibrate: the rear pair, and before it the front pair if both were
+    read through most of the drive.
+    """
     known = np.isfinite(recording.rotation_rad).mean(axis=0)
     front = [FL, FR] if min(known[FL], known[FR]) > 0.5 else []
     return [*front, RL, RR]
@@ -89,20 +90,22 @@ class NominalMotion:
     accel_mps2: FloatArray
 
 
-def nominal(recording: Recording, car: Vehicle) -> NominalMotion:
-    """Smooth the recording's motion."""
+def nominal_motion(recording: Recording, car: Vehicle) -> NominalMotion:
+    """Return the smoothed motion of a recording by rear wheels and receiver."""
     edges, dt = recording.edges_s, recording.dt_s
     rate = recording.rotation_rad / dt * car.radius_m
     sigma = SMOOTHING_S / dt
-    speed = np.maximum(_to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma), 0.0)
-    shown = _to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
-    by_wheels = shown / shown_turn(car, speed)
-    heading = integrate(by_wheels, edges) + _lead(recording, edges, speed, integrate(by_wheels, edges))
+    speed = np.maximum(_smooth_at_edges((rate[:, RL] + rate[:, RR]) / 2, sigma), 0.0)
+    shown = _smooth_at_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
+    by_wheels = shown / shown_turn_ratio(car, speed)
+    heading = integrate(by_wheels, edges) + _smoothed_heading_difference(
+        recording, edges, speed, integrate(by_wheels, edges)
+    )
     grade = _grade(recording, edges, speed)
     forward = speed * np.cos(grade)
     if not np.isfinite(recording.course_rad).mean() > COURSES_FROM:
         for _ in range(2):
-            heading = heading + _turned_to_positions(recording, edges, heading, forward)
+            heading = heading + _heading_correction_by_positions(recording, edges, heading, forward)
     yaw = np.gradient(heading, dt)
     return NominalMotion(
         time_s=edges,
@@ -116,8 +119,8 @@ def nominal(recording: Recording, car: Vehicle) -> NominalMotion:
     )
 
 
-def shown_turn(car: Vehicle, speed_mps: FloatArray) -> FloatArray:
-    """Return (n,) how many times the true turn the rear wheels show, at speeds (n,).
+def shown_turn_ratio(car: Vehicle, speed_mps: FloatArray) -> FloatArray:
+    """Return the (n,) ratio of the turn that the rear wheels show to the true turn, at speeds (n,).
 
     In a bend the outer wheel shrinks and the inner one grows by c * v * yaw rate, which looks like more turn:
     half as much again at 25 m/s is common.
@@ -126,13 +129,18 @@ def shown_turn(car: Vehicle, speed_mps: FloatArray) -> FloatArray:
     return np.asarray(1.0 + too_much / (car.radius_m[RL] * car.geometry.track_rear_m), dtype=np.float64)
 
 
-def _to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
+def _smooth_at_edges(ticks: FloatArray, sigma: float) -> FloatArray:
+    """Return the (n + 1,) values at the ticks' edges after Gaussian smoothing by `sigma` ticks."""
     smooth = gaussian_filter1d(fill(ticks), sigma, mode="nearest")
     return np.concatenate([smooth[:1], 0.5 * (smooth[1:] + smooth[:-1]), smooth[-1:]])
 
 
-def _lead(recording: Recording, edges: FloatArray, speed: FloatArray, turned: FloatArray) -> FloatArray:
-    """Return (n + 1,) slow difference between the receiver's course and the wheels' turn."""
+def _smoothed_heading_difference(
+    recording: Recording, edges: FloatArray, speed: FloatArray, turned: FloatArray
+) -> FloatArray:
+    """Return the (n + 1,) low-pass filtered difference between the receiver's course and the wheels' turn,
+    rad; 0 with too few courses.
+    """
     time_s, course = courses(recording)
     moving = np.interp(time_s, edges, speed) > COURSE_FROM_MPS
     if moving.sum() < 5:
@@ -144,10 +152,11 @@ def _lead(recording: Recording, edges: FloatArray, speed: FloatArray, turned: Fl
     return gaussian_filter1d(grid, LEAD_SMOOTHING_S / recording.dt_s, mode="nearest")
 
 
-def _turned_to_positions(
+def _heading_correction_by_positions(
     recording: Recording, edges: FloatArray, heading: FloatArray, forward: FloatArray
 ) -> FloatArray:
-    """Return (n + 1,) what turns the nominal path along the positions: their drift across it, over the speed.
+    """Return the (n + 1,) correction of the nominal heading, rad: the cross-track drift of the positions over
+    the speed.
 
     An error of heading costs its square half in distance, so what is left of it must be small.
     """
@@ -171,7 +180,9 @@ def _turned_to_positions(
 
 
 def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Return times and courses of the receiver; from its positions over a leg where it gives none."""
+    """Return the times and courses of the receiver; from its positions over a leg where it gives no
+    courses.
+    """
     known = np.isfinite(recording.course_rad)
     if len(known) and known.mean() > COURSES_FROM:
         return recording.fix_time_s[known], recording.course_rad[known]
@@ -186,8 +197,7 @@ def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _grade(recording: Recording, edges: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return (n + 1,) slope by the receiver's heights, smoothed: the receiver sees the horizontal part of the
-    way."""
+    """Return the (n + 1,) smoothed slope (rad) by the receiver's heights; 0 with too few heights."""
     known = np.isfinite(recording.up_m)
     if known.sum() < 30:
         return np.zeros_like(edges)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.foundation.wheels import RL, RR, FloatArray
-from tpmsd.offline.calibration.nominal import Vehicle, shown_turn
+from tpmsd.offline.calibration.nominal import Vehicle, shown_turn_ratio
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import fill
 
@@ -30,15 +30,17 @@ class OdometryStretch:
 
     @property
     def distances_m(self) -> FloatArray:
-        """(f,)"""
+        """(f,) distances between odometry and positions."""
         return np.asarray(np.hypot(*(self.odometry_m - self.position_m).T), dtype=np.float64)
 
 
-def pieces(recording: Recording, car: Vehicle) -> list[OdometryStretch]:
-    """Return Un-fused odometry of the antenna beside the receiver's positions."""
+def odometry_stretches(recording: Recording, car: Vehicle) -> list[OdometryStretch]:
+    """Return the stretches of un-fused odometry of the antenna, each aligned with the receiver's
+    positions.
+    """
     roll = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) * car.radius_m[[RL, RR]]
     distance, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
-    turn = turn / shown_turn(car, distance / recording.dt_s)
+    turn = turn / shown_turn_ratio(car, distance / recording.dt_s)
     heading = np.concatenate([[0.0], np.cumsum(turn)])
     middle = heading[:-1] + turn / 2
     axle = np.zeros((len(distance) + 1, 2))
@@ -59,20 +61,21 @@ def pieces(recording: Recording, car: Vehicle) -> list[OdometryStretch]:
     for index in np.unique(number):
         at = number == index
         if at.sum() >= _FEWEST:
-            out.append(OdometryStretch(_laid(odometry[at], position[at]), position[at]))
+            out.append(OdometryStretch(_aligned_points(odometry[at], position[at]), position[at]))
     return out
 
 
 def pose_error(recordings: list[Recording], car: Vehicle) -> float:
     """Return the mean distance of un-fused odometry from the positions of all drives, metres; NaN without
     positions."""
-    distances = [piece.distances_m for r in recordings for piece in pieces(r, car)]
+    distances = [piece.distances_m for r in recordings for piece in odometry_stretches(r, car)]
     return float(np.concatenate(distances).mean()) if distances else float("nan")
 
 
-def _laid(points: FloatArray, onto: FloatArray) -> FloatArray:
-    """Return the points after the rotation and shift that bring them closest to the others (Kabsch, in the
-    plane)."""
+def _aligned_points(points: FloatArray, onto: FloatArray) -> FloatArray:
+    """Return the points (f, 2) after the rotation and shift that bring them closest to the others (Kabsch, in
+    the plane).
+    """
     here, there = points - points.mean(axis=0), onto - onto.mean(axis=0)
     angle = np.arctan2(
         float(np.sum(here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0])), float(np.sum(here * there))

@@ -75,10 +75,10 @@ class _SimulatedDrive:
 def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettings | None = None) -> PaperFit:
     """Estimate the circumferences of the rear wheels."""
     s = settings or PaperSettings()
-    drives = [_prepared(recording, start, s) for recording in recordings]
+    drives = [_prepared_drive(recording, start, s) for recording in recordings]
     track = start.geometry.track_rear_m
     c = 2 * math.pi * start.radius_m[[RL, RR]]
-    errors = [_mean_error(drives, c, track)]
+    errors = [_mean_pose_error(drives, c, track)]
     circumferences = [c]
     history: list[FloatArray] = []
     spread = np.zeros((2, 2))
@@ -90,17 +90,17 @@ def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettin
         A, b = np.concatenate([x for x, _ in blocks]), np.concatenate([x for _, x in blocks])
         optimum = np.linalg.solve(A.sum(axis=0), b.sum(axis=0))
         c = c + s.alpha * (optimum - c)
-        spreads.append(_jackknife(A, b))
+        spreads.append(_jackknife_covariance(A, b))
         circumferences.append(c)
-        history.append(_with(start, c).radius_m)
-        errors.append(_mean_error(drives, c, track))
+        history.append(_with_circumferences(start, c).radius_m)
+        errors.append(_mean_pose_error(drives, c, track))
         if i > GROWN and errors[-GROWN - 1 :] == sorted(errors[-GROWN - 1 :]):
             reason = f"the pose error of the un-fused odometry has grown {GROWN} times running"
             break
     best = int(np.argmin(errors))
     radii = spreads[max(best, 1)] / (2 * math.pi) ** 2
     return PaperFit(
-        vehicle=_with(start, circumferences[best]),
+        vehicle=_with_circumferences(start, circumferences[best]),
         std_m=np.sqrt(np.diag(radii)),
         difference_std_m=math.sqrt(max(radii[0, 0] + radii[1, 1] - 2 * radii[0, 1], 0.0)),
         iterations=len(errors) - 1,
@@ -121,12 +121,13 @@ def covariances(i: int, s: PaperSettings) -> tuple[FloatArray, FloatArray]:
     return s.scale_p * first * shrink, s.scale_m * first / s.q_m**i
 
 
-def un_fused(
+def un_fused_path(
     revolutions: FloatArray, reference: ReferencePose, c: FloatArray, track_m: float, piece: slice
 ) -> FloatArray:
-    """Return (k + 1, 2) the two-wheel model integrated over k ticks from the reference pose before them, eqs
-    (1), (2)."""
-    distance, turn = _inputs(revolutions[piece], c, track_m)
+    """Return the (k + 1, 2) path of the two-wheel model over k ticks from the reference pose before them, eqs
+    (1), (2).
+    """
+    distance, turn = _distance_and_turn(revolutions[piece], c, track_m)
     at = piece.start
     heading = reference.heading_rad[at] + np.concatenate([[0.0], np.cumsum(turn)])
     course = heading[:-1] + turn / 2 + reference.side_slip_rad[piece.start + 1 : piece.stop + 1]
@@ -137,7 +138,8 @@ def un_fused(
     return out
 
 
-def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _SimulatedDrive:
+def _prepared_drive(recording: Recording, start: Vehicle, s: PaperSettings) -> _SimulatedDrive:
+    """Return the drive's wheel revolutions, reference pose, blocks and pieces."""
     turned = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) / (2 * math.pi)
     block = (np.arange(len(turned)) * recording.dt_s / BLOCK_S).astype(int)
     distance = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]
@@ -147,24 +149,28 @@ def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _Simula
     return _SimulatedDrive(turned, reference_pose(recording, start, s.side_slip), block, pieces)
 
 
-def _with(start: Vehicle, c: FloatArray) -> Vehicle:
+def _with_circumferences(start: Vehicle, c: FloatArray) -> Vehicle:
+    """Return the vehicle with these circumferences (2,) of the rear wheels."""
     radii = start.radius_m.copy()
     radii[[RL, RR]] = c / (2 * math.pi)
     return replace(start, radius_m=radii)
 
 
-def _inputs(revolutions: FloatArray, c: FloatArray, track_m: float) -> tuple[FloatArray, FloatArray]:
+def _distance_and_turn(
+    revolutions: FloatArray, c: FloatArray, track_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the (k,) distance and turn of each tick by the revolutions (k, 2) of the rear wheels."""
     d = revolutions * c
     return d.mean(axis=1), (d[:, 1] - d[:, 0]) / track_m
 
 
-def _mean_error(drives: list[_SimulatedDrive], c: FloatArray, track_m: float) -> float:
-    """Return metres, over all poses of all pieces."""
+def _mean_pose_error(drives: list[_SimulatedDrive], c: FloatArray, track_m: float) -> float:
+    """Return the mean distance (m) of un-fused odometry from the reference over all poses of all pieces."""
     distances = []
     for drive in drives:
         position = np.stack([drive.reference.east_m, drive.reference.north_m], axis=1)
         for piece in drive.pieces:
-            path = un_fused(drive.revolutions, drive.reference, c, track_m, piece)
+            path = un_fused_path(drive.revolutions, drive.reference, c, track_m, piece)
             distances.append(np.hypot(*(path - position[piece.start : piece.stop + 1]).T))
     return float(np.concatenate(distances).mean())
 
@@ -175,9 +181,9 @@ def _normal_equations(
     """Return (b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
     reference = drive.reference
     r = np.stack([reference.east_m, reference.north_m, reference.heading_rad], axis=1)
-    filtered = _filtered(drive, r, c, track_m, P, M)
+    filtered = _filtered_poses(drive, r, c, track_m, P, M)
     n = drive.revolutions
-    _, turn = _inputs(n, c, track_m)
+    _, turn = _distance_and_turn(n, c, track_m)
     course = filtered[:-1, 2] + turn / 2 + reference.side_slip_rad[1:]
     half = n / 2
     phi = np.stack(
@@ -191,11 +197,11 @@ def _normal_equations(
     return A, b
 
 
-def _filtered(
+def _filtered_poses(
     drive: _SimulatedDrive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> FloatArray:
     """Return (n + 1, 3) poses by the EKF of eqs (4)-(7)."""
-    distance, turn = _inputs(drive.revolutions, c, track_m)
+    distance, turn = _distance_and_turn(drive.revolutions, c, track_m)
     slip = drive.reference.side_slip_rad
     out = np.empty_like(r)
     x, S = r[0].copy(), np.diag(M)
@@ -214,9 +220,10 @@ def _filtered(
     return out
 
 
-def _jackknife(A: FloatArray, b: FloatArray) -> FloatArray:
-    """Return (2, 2) covariance of the least-squares circumferences by leaving out one block of the drives at
-    a time."""
+def _jackknife_covariance(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the (2, 2) covariance of the least-squares circumferences by leaving out one block of the drives
+    at a time.
+    """
     count = len(A)
     if count < 3:
         return np.full((2, 2), math.nan)

@@ -15,7 +15,7 @@ from tpmsd.car.config.model import VehicleConfig
 from tpmsd.foundation.palette import STYLES, line_style
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.offline.calibration.odometry import OdometryStretch, pieces
+from tpmsd.offline.calibration.odometry import OdometryStretch, odometry_stretches
 from tpmsd.offline.calibration.result import FittedGeometry
 from tpmsd.offline.inference.recording import Recording
 
@@ -34,7 +34,7 @@ def draw_calibration(
     from matplotlib.figure import Figure
 
     paths = {
-        name: [piece for recording in recordings for piece in pieces(recording, vehicle)]
+        name: [piece for recording in recordings for piece in odometry_stretches(recording, vehicle)]
         for name, vehicle in (("before", vehicle_of(config)), ("after", car))
     }
     positions = [piece.position_m for piece in paths["before"]]

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tpmsd.foundation.wheels import RL, RR, FloatArray
-from tpmsd.offline.calibration.nominal import Vehicle, courses, nominal
+from tpmsd.offline.calibration.nominal import Vehicle, courses, nominal_motion
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import fill
 
@@ -40,7 +40,7 @@ class ReferencePose:
 
 
 def reference_pose(recording: Recording, car: Vehicle, side_slip: bool = True) -> ReferencePose:
-    """Smooth the drive."""
+    """Return the reference pose at the ticks' edges, smoothed from receiver and inertial signals."""
     dt, edges = recording.dt_s, recording.edges_s
     rate = recording.rotation_rad / dt * car.radius_m
     rear = np.stack([fill(rate[:, RL]), fill(rate[:, RR])], axis=1)
@@ -52,14 +52,14 @@ def reference_pose(recording: Recording, car: Vehicle, side_slip: bool = True) -
     lateral = fill(lateral) if np.isfinite(lateral).mean() > 0.8 else speed * yaw
     long = recording.inertial["accel_long_mps2"]
     long = fill(long) if np.isfinite(long).mean() > 0.8 else np.gradient(speed, dt)
-    start = nominal(recording, car).heading_rad
+    start = nominal_motion(recording, car).heading_rad
     slip = np.zeros(len(edges))
-    heading = _heading(recording, yaw, slip, start, speed)
+    heading = _smoothed_heading(recording, yaw, slip, start, speed)
     compass = recording.inertial.get("compass_rad")
     if side_slip and compass is not None and np.isfinite(compass).mean() > 0.5:
         slip = np.concatenate([[0.0], -_slip_per_accel(recording, heading, lateral, speed) * lateral])
     if compass is None or not np.isfinite(compass).any():
-        heading = _heading(recording, yaw, slip, start, speed)
+        heading = _smoothed_heading(recording, yaw, slip, start, speed)
     middle = 0.5 * (heading[1:] + heading[:-1])
     cos, sin = np.cos(middle), np.sin(middle)
     accel = np.stack([long * cos - lateral * sin, long * sin + lateral * cos], axis=1)
@@ -76,22 +76,24 @@ def reference_pose(recording: Recording, car: Vehicle, side_slip: bool = True) -
     return ReferencePose(position[:, 0], position[:, 1], heading, slip)
 
 
-def _wrapped(angle: FloatArray) -> FloatArray:
+def _wrap_angle(angle: FloatArray) -> FloatArray:
+    """Return the angle within -pi to pi."""
     return np.asarray(np.remainder(angle + math.pi, 2 * math.pi) - math.pi)
 
 
-def _heading(
+def _smoothed_heading(
     recording: Recording, yaw: FloatArray, slip: FloatArray, start: FloatArray, speed: FloatArray
 ) -> FloatArray:
-    """Return (n + 1,) by a Kalman smoother over (heading, bias); `start` tells which turn an angle belongs
-    to."""
+    """Return the (n + 1,) heading by a Kalman smoother over (heading, bias); `start` resolves multiples of a
+    full turn.
+    """
     dt, count = recording.dt_s, len(yaw) + 1
     total, number = np.zeros(count), np.zeros(count)  # information and its product with the reading
     compass = recording.inertial.get("compass_rad")
     if compass is not None and np.isfinite(compass).any():
         known = np.flatnonzero(np.isfinite(compass))
         number[known + 1] += 1.0 / COMPASS_STD_RAD**2
-        total[known + 1] += (start[known + 1] + _wrapped(compass[known] - start[known + 1])) / (
+        total[known + 1] += (start[known + 1] + _wrap_angle(compass[known] - start[known + 1])) / (
             COMPASS_STD_RAD**2
         )
     else:
@@ -100,25 +102,27 @@ def _heading(
         moving = speed[np.clip(index, 0, count - 2)] > MOVING_MPS
         for at, angle in zip(index[moving], course[moving], strict=True):
             number[at] += 1.0 / COURSE_STD_RAD**2
-            total[at] += (start[at] + float(_wrapped(angle - slip[at] - start[at]))) / COURSE_STD_RAD**2
+            total[at] += (start[at] + float(_wrap_angle(angle - slip[at] - start[at]))) / COURSE_STD_RAD**2
     reading = np.divide(total, number, out=np.full(count, math.nan), where=number > 0)
     F = np.array([[1.0, -dt], [0.0, 1.0]])
     noise = np.diag([(GYRO_STD_RADPS * dt) ** 2 * 10.0, GYRO_DRIFT_RADPS**2 * dt])
     first = np.flatnonzero(np.isfinite(reading))
     begin = np.array([reading[first[0]] if first.size else start[0], 0.0])
     inputs = np.stack([yaw * dt, np.zeros_like(yaw)], axis=1)
-    return _smooth(begin, np.diag([0.5, 0.01]), F, noise, inputs, reading, number)[:, 0]
+    return _smooth_states(begin, np.diag([0.5, 0.01]), F, noise, inputs, reading, number)[:, 0]
 
 
 def _slip_per_accel(
     recording: Recording, heading: FloatArray, lateral: FloatArray, speed: FloatArray
 ) -> float:
-    """Return c of beta = -c * a_y, with the compass's own offset beside it."""
+    """Return the side-slip coefficient c of beta = -c * a_y (s2/m), fitted jointly with the compass's offset;
+    0 with too few courses.
+    """
     time_s, course = courses(recording)
     at = np.clip((time_s / recording.dt_s).astype(int), 0, len(lateral) - 1)
     moving = speed[at] > MOVING_MPS
     smooth = gaussian_filter1d(lateral, 0.5 / recording.dt_s, mode="nearest")
-    off = _wrapped(course - np.interp(time_s, recording.edges_s, heading))[moving]
+    off = _wrap_angle(course - np.interp(time_s, recording.edges_s, heading))[moving]
     if off.size < 30:
         return 0.0
     design = np.stack([-smooth[at][moving], np.ones(off.size)], axis=1)
@@ -128,7 +132,7 @@ def _slip_per_accel(
 def _smoothed_position(
     time_s: FloatArray, axle: FloatArray, accel: FloatArray, dt: float, count: int
 ) -> FloatArray:
-    """Return (n + 1, 2): each axis by a Kalman smoother over (position, velocity)."""
+    """Return the (n + 1, 2) positions, each axis by a Kalman smoother over (position, velocity)."""
     known = np.isfinite(axle).all(axis=1)
     index = np.clip(np.rint(time_s / dt).astype(int), 0, count - 1)[known]
     number = np.bincount(index, minlength=count) / POSITION_STD_M**2
@@ -144,11 +148,11 @@ def _smoothed_position(
         reading = np.divide(sums, counts, out=np.full(count, math.nan), where=counts > 0)
         inputs = np.stack([0.5 * dt**2 * accel[:, axis], dt * accel[:, axis]], axis=1)
         begin = np.array([moved[0, axis] if len(moved) else 0.0, 0.0])
-        out[:, axis] = _smooth(begin, np.diag([25.0, 900.0]), F, noise, inputs, reading, number)[:, 0]
+        out[:, axis] = _smooth_states(begin, np.diag([25.0, 900.0]), F, noise, inputs, reading, number)[:, 0]
     return out
 
 
-def _smooth(
+def _smooth_states(
     mean: FloatArray,
     P: FloatArray,
     F: FloatArray,
@@ -157,8 +161,9 @@ def _smooth(
     reading: FloatArray,
     information: FloatArray,
 ) -> FloatArray:
-    """Return (n + 1, 2): Kalman filter and Rauch-Tung-Striebel smoother of two states, the first of which is
-    read."""
+    """Return the (n + 1, 2) states by a Kalman filter and Rauch-Tung-Striebel smoother; the first of the two
+    states is measured.
+    """
     count = len(reading)
     means, covariances = np.zeros((count, 2)), np.zeros((count, 2, 2))
     ahead, spread = np.zeros((count, 2)), np.zeros((count, 2, 2))

@@ -20,12 +20,12 @@ class WheelResult:
 
     @property
     def circumference_m(self) -> float:
-        """Circumference, m: the distance of one turn."""
+        """Circumference, m."""
         return 2 * math.pi * self.radius_m
 
     @property
     def circumference_std_m(self) -> float:
-        """Its standard deviation."""
+        """Standard deviation of the circumference, m."""
         return 2 * math.pi * self.radius_std_m
 
 

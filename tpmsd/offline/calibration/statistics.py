@@ -51,7 +51,9 @@ def drive_statistics(
 
 
 def statistics_of(found: JointFit, start: Vehicle) -> DriveStatistics:
-    """Take the prior out of a fit of one drive, and state the radii at the reference speed."""
+    """Return the likelihood's statistics of a fit of one drive: without the prior, radii at the reference
+    speed.
+    """
     indices = [k for k, name in enumerate(found.names) if name.split("@")[0] in PARAMETERS]
     names = tuple(found.names[k].split("@")[0] for k in indices)
     prior = np.array([PRIOR[name] for name in names])

@@ -29,7 +29,7 @@ def calibrated_toml(
     """Return the text with calibrated values: `radii_m` of all four wheels, `bus_radii_m` of those whose bus
     states speeds (`CalibrationConfig.bus_radius_fl_m`), `dbc` where the DBC lies seen from the new file
     (None: as the text has it), `made` the date."""
-    values = {"wheel_radius_m": _inline(radii_m)}
+    values = {"wheel_radius_m": _inline_table(radii_m)}
     if math.isfinite(found.track_rear_std_m):
         values["track_rear_m"] = f"{found.track_rear_m:.4f}"
     if math.isfinite(found.track_front_m):
@@ -39,13 +39,15 @@ def calibrated_toml(
     if dbc is not None:
         added["can"] = [f"dbc = {json.dumps(dbc, ensure_ascii=False)}"]
         stale["can"] = {"dbc"}
-    out = list(_replaced(text, stale, added))
+    out = list(_lines_with_replacements(text, stale, added))
     while out and not out[-1].strip():
         out.pop()
     return "\n".join([*out, "", *_provenance_lines(found, bus_radii_m, made), ""])
 
 
-def _replaced(text: str, stale: Mapping[str, set[str]], added: Mapping[str, list[str]]) -> Iterator[str]:
+def _lines_with_replacements(
+    text: str, stale: Mapping[str, set[str]], added: Mapping[str, list[str]]
+) -> Iterator[str]:
     """Yield the lines of a configuration without the stale keys, by table, and without the tables that are
     written again; the lines that are added follow the heading of their table."""
     table = ""
@@ -57,20 +59,22 @@ def _replaced(text: str, stale: Mapping[str, set[str]], added: Mapping[str, list
             continue
         if heading:
             yield from (line, *added.get(table, ()))
-        elif _key(line) not in stale.get(table, ()):
+        elif _first_key(line) not in stale.get(table, ()):
             yield line
 
 
-def _key(line: str) -> str:
+def _first_key(line: str) -> str:
     """Return the first part of the key that a line sets."""
     return re.split(r"[.=\s]", line.strip().replace('"', "").replace("'", ""), maxsplit=1)[0]
 
 
-def _inline(radii_m: dict[str, float]) -> str:
+def _inline_table(radii_m: dict[str, float]) -> str:
+    """Return the radii as a TOML inline table."""
     return "{ " + ", ".join(f"{wheel} = {radius:.6f}" for wheel, radius in radii_m.items()) + " }"
 
 
 def _provenance_lines(found: FittedGeometry, bus_radii_m: dict[str, float], made: str) -> list[str]:
+    """Return the lines of the table [calibration]."""
     lines = [
         "[calibration]",
         "# How the radii and tracks in [vehicle] were found; the monitor takes its tyres for these.",
