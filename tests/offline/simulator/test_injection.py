@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tpmsd.offline.simulator.inject_can import float_bits, put_bits
 from tpmsd.offline.simulator.inject_nmea import NmeaRewriter
-from tpmsd.offline.simulator.injection import counts_ahead, requantised
+from tpmsd.offline.simulator.injection import add_counts, add_to_rounded_readings
 from tpmsd.onboard.sources.can.signal_plan import bit_field, bit_position
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=60)
@@ -61,7 +61,7 @@ def test_a_changed_count_is_the_changed_angle_rounded_down(modulus: int, share: 
     more = share * (angle - angle[0])
     counts = np.floor(angle) % modulus
 
-    made = counts_ahead(counts, more, 8.0, modulus)
+    made = add_counts(counts, more, 8.0, modulus)
 
     off = (made - np.floor(angle + more) + modulus // 2) % modulus - modulus // 2
     assert np.abs(off).max() <= 1
@@ -76,7 +76,7 @@ def test_counts_to_which_nothing_is_added_stay(values: list[int]) -> None:
     """Whatever a counter did: resets, roll-overs, garbage."""
     counts = np.array(values, dtype=np.float64)
 
-    assert values == counts_ahead(counts, np.zeros(len(values)), 3.0, 65536).tolist()
+    assert values == add_counts(counts, np.zeros(len(values)), 3.0, 65536).tolist()
 
 
 @QUIET
@@ -86,14 +86,14 @@ def test_readings_to_which_nothing_is_added_stay(values: list[int]) -> None:
     readings = np.array(values, dtype=np.float64)
 
     for more in (0.0, 1e-9, -1e-9):
-        assert values == requantised(readings, np.full(len(values), more)).tolist()
+        assert values == add_to_rounded_readings(readings, np.full(len(values), more)).tolist()
 
 
 def test_a_change_below_the_last_digit_has_its_mean() -> None:
     """A third of a step is one in the mean, not nothing, also on readings that stay the same."""
     readings = np.full(3000, 200.0)
 
-    made = requantised(readings, np.full(len(readings), 1.0 / 3.0))
+    made = add_to_rounded_readings(readings, np.full(len(readings), 1.0 / 3.0))
 
     assert (made - readings).mean() == pytest.approx(1.0 / 3.0, abs=1e-3)
     assert set(np.unique(made - readings)) == {0.0, 1.0}

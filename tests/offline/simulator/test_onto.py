@@ -351,9 +351,9 @@ def test_effects_on_fixes_are_those_of_the_time_at_which_they_were_valid(tmp_pat
 
     plain, late = (Injection(recording, config, smoothed, age_s) for age_s in (0.0, 0.2))
 
-    then = plain.fixes(host_s - 0.2).acting_mps
-    assert np.allclose(late.fixes(host_s).acting_mps, then, rtol=0.0, atol=1e-4)
-    assert not np.allclose(plain.fixes(host_s).acting_mps, then, rtol=0.0, atol=0.1)
+    then = plain.fix_changes(host_s - 0.2).acting_mps
+    assert np.allclose(late.fix_changes(host_s).acting_mps, then, rtol=0.0, atol=1e-4)
+    assert not np.allclose(plain.fix_changes(host_s).acting_mps, then, rtol=0.0, atol=0.1)
 
 
 def test_concealed_effects_are_sealed_and_drawn_by_the_seed(

@@ -15,7 +15,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.simulator.clock import Clocks
 from tpmsd.offline.simulator.nmea import Epoch, sentence, with_checksum
-from tpmsd.offline.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
+from tpmsd.offline.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure_epochs, nmea_lines
 from tpmsd.offline.simulator.world import World
 
 CLOCKS = Clocks()
@@ -23,13 +23,13 @@ CLOCKS = Clocks()
 
 def epochs_of(world: World, spec: ReceiverSpec, seed: int = 1) -> Epochs:
     """What this receiver measures."""
-    return measure(world, spec, CLOCKS, np.random.default_rng(seed))
+    return measure_epochs(world, spec, CLOCKS, np.random.default_rng(seed))
 
 
 def lines_of(world: World, spec: ReceiverSpec, clocks: Clocks = CLOCKS, seed: int = 1) -> list[NmeaLine]:
     """What it says."""
     rng = np.random.default_rng(seed)
-    return nmea_lines(world, measure(world, spec, clocks, rng), spec, clocks, rng)
+    return nmea_lines(world, measure_epochs(world, spec, clocks, rng), spec, clocks, rng)
 
 
 def autocorrelation(values: np.ndarray, lag: int) -> float:
@@ -83,7 +83,7 @@ def test_epochs_fall_on_multiples_of_the_period_in_utc(rate: float) -> None:
     """Whatever the start's fraction of a second is, UTC times rate is whole."""
     clocks = Clocks(start_utc_s=1_719_820_800.33)
     world = world_of(straight(20.0, 20.0))
-    found = measure(world, ReceiverSpec(rate_hz=rate), clocks, np.random.default_rng(1))
+    found = measure_epochs(world, ReceiverSpec(rate_hz=rate), clocks, np.random.default_rng(1))
     ticks = clocks.utc_s(found.time_s) * rate
 
     assert pytest.approx(np.rint(ticks), abs=1e-5) == ticks

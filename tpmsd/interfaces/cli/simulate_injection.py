@@ -59,7 +59,7 @@ def run_onto(args: argparse.Namespace) -> int:
     from tpmsd.offline.simulator.inject_recording import (
         InjectionTarget,
         check_target,
-        effects_of,
+        effects_document,
         inject,
         write_truth,
     )
@@ -75,7 +75,7 @@ def run_onto(args: argparse.Namespace) -> int:
         model = model_of(args)
         changed = inject(onto, model, args.out)
         write_truth(args.out, onto, model)
-        document |= {"effects": effects_of(model), "sealed": None, "concealed": None}
+        document |= {"effects": effects_document(model), "sealed": None, "concealed": None}
     else:
         changed, sha256 = _inject_sealed(args, onto)
         document |= {"effects": [], "sealed": sha256, "concealed": args.conceal}
@@ -112,7 +112,7 @@ def _inject_sealed(args: argparse.Namespace, onto: InjectionTarget) -> tuple[lis
 
     from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.offline.planning.conceal import RecordingInformation, draw
-    from tpmsd.offline.simulator.inject_recording import effects_of, inject
+    from tpmsd.offline.simulator.inject_recording import effects_document, inject
     from tpmsd.offline.simulator.sealed import SEALED, seal
 
     seed = secrets.randbits(63) if args.seed is None else args.seed
@@ -120,7 +120,7 @@ def _inject_sealed(args: argparse.Namespace, onto: InjectionTarget) -> tuple[lis
         showing = RecordingInformation(onto.recording, progress.update)
         model = ExtendedModel(draw(showing, args.conceal, np.random.default_rng(seed)))
     changed = inject(onto, model, args.out, showing.latency_s)
-    truth = {"onto": onto.drive.folder.resolve().name, "seed": seed, "effects": effects_of(model)}
+    truth = {"onto": onto.drive.folder.resolve().name, "seed": seed, "effects": effects_document(model)}
     return changed, seal(args.out / SEALED, truth, secrets.token_bytes(SALT_BYTES))
 
 

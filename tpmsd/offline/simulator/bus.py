@@ -18,7 +18,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.simulator.bus_layouts import ALIVE, bus_layout
 from tpmsd.offline.simulator.clock import Clocks
 from tpmsd.offline.simulator.frame_layout import ByteArray, IntArray, MessageLayout, SignalLayout
-from tpmsd.offline.simulator.instruments import ENGINE_BRAKE_MPS2, ZERO_DEGC_K, drive_mps2
+from tpmsd.offline.simulator.instruments import ENGINE_BRAKE_MPS2, ZERO_DEGC_K, drive_force_per_mass
 from tpmsd.offline.simulator.noise import gauss_markov
 from tpmsd.offline.simulator.world import World
 
@@ -75,7 +75,7 @@ class FrameLog:
 
 
 def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Generator) -> FrameLog:
-    """Return all frames of the drive."""
+    """Return all CAN frames of the drive."""
     times, ids, datas = [], [], []
     start = {wheel: int(rng.integers(0, 1 << 32)) for wheel in WHEELS}
     layout = bus_layout(spec.kind, spec.wheels)
@@ -98,6 +98,7 @@ def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Genera
 def _message_frames(
     world: World, spec: BusSpec, message: MessageLayout, start: dict[str, int], rng: np.random.Generator
 ) -> tuple[FloatArray, ByteArray]:
+    """Return the sampling times (k,) and payloads (k, bytes) of one message over the drive."""
     end = float(world.motion.time_s[-1])
     phase = float(rng.uniform(0, message.period_s))
     ticks = np.arange(int((end - phase) / message.period_s) + 1, dtype=np.float64)
@@ -109,7 +110,7 @@ def _message_frames(
         elif signal.role.startswith("wheel_count_"):
             raw[signal.name] = _counter_values(world, spec, signal, sampled, start)
         else:
-            value = _measured(world, spec, signal.role, sampled, message.period_s, rng)
+            value = _sensor_readings(world, spec, signal.role, sampled, message.period_s, rng)
             raw[signal.name] = signal.raw_of(value * _UNIT_PER_SI[signal.unit])
     return sampled, message.pack(raw, len(sampled))
 
@@ -117,6 +118,7 @@ def _message_frames(
 def _counter_values(
     world: World, spec: BusSpec, signal: SignalLayout, sampled: FloatArray, start: dict[str, int]
 ) -> IntArray:
+    """Return the (k,) raw values of a wheel's counter, rolled over and reset as specified."""
     wheel = signal.role[-2:]
     counts = world.counts_at(sampled, WHEELS.index(wheel)) / signal.factor
     edges = np.floor(counts).astype(np.int64) + start[wheel]
@@ -151,10 +153,12 @@ def _check_widths(world: World, layout: tuple[MessageLayout, ...]) -> None:
         )
 
 
-def _measured(
+def _sensor_readings(
     world: World, spec: BusSpec, role: str, sampled: FloatArray, period_s: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return a sensor's reading in SI units (degC for the temperature) at the sampling instants."""
+    """Return the (k,) readings of a role's sensor at the sampling instants, SI units (degC for the
+    temperature).
+    """
     motion = world.motion
 
     def at(values: FloatArray) -> FloatArray:
@@ -178,7 +182,7 @@ def _measured(
     if role == "drive_torque":
         return at(motion.measured["torque"])
     if role == "brake_pressure":
-        return _BRAKE_PA_PER_MPS2 * np.maximum(ENGINE_BRAKE_MPS2 - at(drive_mps2(motion)), 0.0)
+        return _BRAKE_PA_PER_MPS2 * np.maximum(ENGINE_BRAKE_MPS2 - at(drive_force_per_mass(motion)), 0.0)
     if role == "ambient_temp":
         return at(motion.measured["temperature"]) - ZERO_DEGC_K
     raise ValueError(f"no such role: {role}")

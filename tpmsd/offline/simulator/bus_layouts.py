@@ -40,14 +40,16 @@ def bus_layout(kind: str, wheels: int = 4) -> tuple[MessageLayout, ...]:
     return tuple(kept)
 
 
-def _count(wheel: str, start: int, bits: int, big_endian: bool = False, factor: float = 1.0) -> SignalLayout:
+def _wheel_count_signal(
+    wheel: str, start: int, bits: int, big_endian: bool = False, factor: float = 1.0
+) -> SignalLayout:
     return SignalLayout(
         f"CNT_{wheel.upper()}", start, bits, big_endian, factor=factor, role=f"wheel_count_{wheel}"
     )
 
 
 def _layout_counts16() -> tuple[MessageLayout, ...]:
-    counters = tuple(_count(wheel, 16 * k, 16) for k, wheel in enumerate(WHEELS))
+    counters = tuple(_wheel_count_signal(wheel, 16 * k, 16) for k, wheel in enumerate(WHEELS))
     return (
         MessageLayout(0x0B0, "WHEELS", 0.02, counters),
         MessageLayout(
@@ -61,13 +63,13 @@ def _layout_counts16() -> tuple[MessageLayout, ...]:
                 SignalLayout(ALIVE, 56, 4),
             ),
         ),
-        MessageLayout(0x0C4, "STEERING", 0.02, (_steering(16),)),
-        _message_powertrain(),
+        MessageLayout(0x0C4, "STEERING", 0.02, (_steering_signal(16),)),
+        _powertrain_message(),
     )
 
 
 def _layout_counts8() -> tuple[MessageLayout, ...]:
-    counters = tuple(_count(wheel, 8 * k, 8, factor=0.5) for k, wheel in enumerate(WHEELS))
+    counters = tuple(_wheel_count_signal(wheel, 8 * k, 8, factor=0.5) for k, wheel in enumerate(WHEELS))
     return (
         MessageLayout(0x387, "WHL_PUL", 0.01, (*counters, SignalLayout(ALIVE, 40, 4))),
         MessageLayout(
@@ -82,19 +84,28 @@ def _layout_counts8() -> tuple[MessageLayout, ...]:
                 ),
             ),
         ),
-        MessageLayout(0x2B0, "SAS", 0.01, (_steering(0),)),
-        _message_powertrain(),
+        MessageLayout(0x2B0, "SAS", 0.01, (_steering_signal(0),)),
+        _powertrain_message(),
     )
 
 
 def _layout_split() -> tuple[MessageLayout, ...]:
     return (
-        MessageLayout(0x1A0, "FRONT_AXLE", 0.04, (_count("fl", 7, 16, True), _count("fr", 23, 16, True))),
+        MessageLayout(
+            0x1A0,
+            "FRONT_AXLE",
+            0.04,
+            (_wheel_count_signal("fl", 7, 16, True), _wheel_count_signal("fr", 23, 16, True)),
+        ),
         MessageLayout(
             0x1A4,
             "REAR_AXLE",
             0.02,
-            (_count("rl", 3, 12, True), _count("rr", 19, 12, True), SignalLayout(ALIVE, 63, 4, True)),
+            (
+                _wheel_count_signal("rl", 3, 12, True),
+                _wheel_count_signal("rr", 19, 12, True),
+                SignalLayout(ALIVE, 63, 4, True),
+            ),
         ),
         MessageLayout(
             0x1B0,
@@ -156,13 +167,13 @@ def _layout_speeds() -> tuple[MessageLayout, ...]:
     )
 
 
-def _steering(start: int) -> SignalLayout:
+def _steering_signal(start: int) -> SignalLayout:
     return SignalLayout(
         "STEER_ANGLE", start, 16, signed=True, factor=0.1, unit="deg", role="steering_wheel_angle"
     )
 
 
-def _message_powertrain() -> MessageLayout:
+def _powertrain_message() -> MessageLayout:
     return MessageLayout(
         0x316,
         "POWERTRAIN",

@@ -24,7 +24,7 @@ from tpmsd.offline.simulator.bus_layouts import bus_layout
 from tpmsd.offline.simulator.clock import Clocks
 from tpmsd.offline.simulator.faults import Fault
 from tpmsd.offline.simulator.frame_layout import dbc_text
-from tpmsd.offline.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
+from tpmsd.offline.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure_epochs, nmea_lines
 from tpmsd.offline.simulator.route import make_route
 from tpmsd.offline.simulator.vehicle_toml import vehicle_toml
 from tpmsd.offline.simulator.world import ROUGHNESS_STD_M, World, make_world
@@ -85,8 +85,9 @@ class SimulatedDrive:
         return live_configuration(self.spec, interface, channel, device)
 
     def truth(self) -> dict[str, Any]:
-        """Return the values that an estimator should find, in JSON's types: radii once per second on the
-        drive's host clock."""
+        """Return the true values that an estimator should find, in JSON's types: radii once per second on the
+        drive's host clock.
+        """
         motion = self.world.motion
         per_second = max(1, round(1.0 / float(motion.time_s[1] - motion.time_s[0])))
         radii = self.world.radii_m[::per_second]
@@ -142,7 +143,7 @@ def live_configuration(spec: DriveSpec, interface: str, channel: str, device: st
 
 
 def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDrive:
-    """Simulate a drive; `motion` takes the place of a made-up route. ConfigError on what makes no sense."""
+    """Simulate a drive; `motion` replaces a route drawn at random. ConfigError for impossible settings."""
     if spec.seed < 0:
         raise ConfigError(f"seed {spec.seed} is negative")
     seeds = np.random.SeedSequence(spec.seed).spawn(6)
@@ -158,10 +159,10 @@ def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDr
         car,
         spec.model.plus(*faults),
         for_world,
-        radius_offset_m=_offsets(spec, for_radii),
+        radius_offset_m=_radius_offsets_m(spec, for_radii),
         roughness_std_m=spec.roughness_std_m,
     )
-    epochs = measure(world, spec.receiver, spec.clocks, for_receiver)
+    epochs = measure_epochs(world, spec.receiver, spec.clocks, for_receiver)
     layout = bus_layout(spec.bus.kind, spec.bus.wheels)
     return SimulatedDrive(
         spec=spec,
@@ -176,6 +177,7 @@ def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDr
     )
 
 
-def _offsets(spec: DriveSpec, rng: np.random.Generator) -> FloatArray:
+def _radius_offsets_m(spec: DriveSpec, rng: np.random.Generator) -> FloatArray:
+    """Return the (4,) offsets of the true radii from the nominal ones: those specified, or drawn."""
     drawn = spec.radius_offset_std_m * rng.standard_normal(4)
     return drawn if spec.radius_offset_m is None else np.array(spec.radius_offset_m, dtype=np.float64)

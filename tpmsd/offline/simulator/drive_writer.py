@@ -25,7 +25,7 @@ FILES = ("vehicle.toml", "bus.dbc", "gnss.nmea", "can.log", TRUTH)
 
 
 def check_drive_folder(folder: Path, force: bool) -> None:
-    """Say before the work that a folder must not be written to.
+    """Raise ConfigError for a folder that must not be written to, before the simulation starts.
 
     A folder that holds anything is written to only with `force`, only if `write_drive` made it, and only if
     nothing stands beside its files: a recording is never touched.
@@ -43,7 +43,7 @@ def check_drive_folder(folder: Path, force: bool) -> None:
     if not names:
         return
     foreign = [name for name in names if name not in FILES]
-    if not _made_here(folder / TRUTH):
+    if not _is_simulated(folder / TRUTH):
         raise ConfigError(f"{folder}: holds files that tpmsd simulate did not write; name another folder")
     if foreign:
         raise ConfigError(f"{folder}: holds {foreign[0]} beside a simulated drive; name another folder")
@@ -51,7 +51,7 @@ def check_drive_folder(folder: Path, force: bool) -> None:
         raise ConfigError(f"{folder}: holds a simulated drive already; --force replaces it")
 
 
-def _made_here(truth: Path) -> bool:
+def _is_simulated(truth: Path) -> bool:
     """Return whether the truth file is one of `write_drive`: its first line says so."""
     try:
         with truth.open(encoding="utf-8") as file:
@@ -69,7 +69,7 @@ def write_start(folder: str | Path, vehicle_toml: str, dbc: str) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
         # First of all, so that a run that was cut short leaves a folder that --force may replace.
-        (path / TRUTH).write_text(_one_line_per_key({"program": MAKER}), encoding="utf-8")
+        (path / TRUTH).write_text(_json_line_per_key({"program": MAKER}), encoding="utf-8")
         (path / "bus.dbc").write_text(dbc, encoding="utf-8")
         (path / "vehicle.toml").write_text(vehicle_toml, encoding="utf-8")
     except OSError as error:
@@ -93,7 +93,7 @@ def write_drive(
         path.mkdir(parents=True, exist_ok=True)
         # First of all, so that a run that was cut short leaves a folder that --force may replace.
         truth = {"program": MAKER, **drive.truth()}
-        (path / TRUTH).write_text(_one_line_per_key(truth), encoding="utf-8")
+        (path / TRUTH).write_text(_json_line_per_key(truth), encoding="utf-8")
         (path / "vehicle.toml").write_text(vehicle_toml or drive.vehicle_toml, encoding="utf-8")
         (path / "bus.dbc").write_text(drive.dbc, encoding="utf-8")
         (path / "gnss.nmea").write_text("".join(map(nmea_log_line, drive.nmea)), encoding="ascii", newline="")
@@ -113,7 +113,7 @@ def nmea_log_line(line: NmeaLine) -> str:
     return f"({line.time_s:.6f}) {line.text}\n"
 
 
-def _one_line_per_key(document: dict[str, Any]) -> str:
+def _json_line_per_key(document: dict[str, Any]) -> str:
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
     return "{" + ",\n ".join(lines) + "}\n"
 

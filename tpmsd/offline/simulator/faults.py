@@ -43,20 +43,20 @@ class Fault:
             raise ConfigError(f"{self.kind}: wheel {self.wheel!r} is not one of {' '.join(WHEELS)}")
 
     def effects(self, nominal_radius_m: FloatArray) -> tuple[Effect, ...]:
-        """Return the changes of radius, one per wheel concerned."""
+        """Return the changes of radius, one effect per wheel concerned."""
         wheels = WHEELS if self.wheel is None else (self.wheel,)
         duration = FAULT_DURATION_S[self.kind] if self.duration_s is None else self.duration_s
         effects = []
         for wheel in wheels:
             radius = float(nominal_radius_m[WHEELS.index(wheel)])
-            change = deviation_m(self.size, self.size_unit, radius)
+            change = radius_change_m(self.size, self.size_unit, radius)
             values = {"deviation_m": change, "onset_s": self.onset_s, "duration_s": duration}
             effects.append(make_effect(FAULT.name, wheel=wheel, **values))
         return tuple(effects)
 
 
-def deviation_m(size: float, unit: str, radius_m: float) -> float:
-    """Change of radius in metres, negative for a loss of `size` (in `unit`) on a wheel of `radius_m`."""
+def radius_change_m(size: float, unit: str, radius_m: float) -> float:
+    """Return the change of radius, m, negative for a loss of `size` (in `unit`) on a wheel of `radius_m`."""
     if unit == "percent":
         return -size / 100.0 * radius_m
     if unit == "mm":

@@ -34,7 +34,7 @@ class SignalLayout:
     role: str = ""
 
     def raw_of(self, physical: FloatArray) -> IntArray:
-        """Return the nearest raw value, held at the signal's limits."""
+        """Return the nearest raw values, clipped to the signal's limits."""
         low, high = self.limits()
         raw = np.rint((physical - self.offset) / self.factor)
         return np.clip(raw, low, high).astype(np.int64)

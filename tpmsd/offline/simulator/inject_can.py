@@ -21,7 +21,12 @@ import numpy as np
 
 from tpmsd.foundation.errors import InputError, TpmsdError
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.simulator.injection import Injection, counts_ahead, requantised, sigma_of
+from tpmsd.offline.simulator.injection import (
+    Injection,
+    add_counts,
+    add_to_rounded_readings,
+    smoothing_readings,
+)
 from tpmsd.onboard.sources.can.candump_line import ERROR_FLAG, LINE, parse_candump_line
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import read_can_log
@@ -84,8 +89,8 @@ class CanRewriter:
         self._before: dict[tuple[int, str], bytes] = {}
 
     def rewrite(self, source: Path, folder: Path) -> str:
-        """Write the log with the effects into a folder; the name of the file in which something is different.
-        Where nothing is, the name is empty and the file is a copy.
+        """Write the log with the effects into a folder; return the name of the file if anything in it
+        changed. Otherwise the file is a copy, and the name is empty.
 
         Raises:
             InputError: the log cannot be read.
@@ -95,20 +100,21 @@ class CanRewriter:
         read = log_lines if as_text else frame_lines
         for line in read(source):
             self._collect_signals(line)
-        moved = [series for series in self._series.values() if self._change(series)]
+        moved = [series for series in self._series.values() if self._compute_new_bits(series)]
         probe = np.array([time for series in self._series.values() for time in series.host_s[:1]])
         shifted = bool(self._injection.clock_error_s(probe + PROBED_S).any())
         if not moved and not shifted:
-            copy_of(source, target)
+            copy_file(source, target)
             return ""
         if not as_text:
             target = folder / "can.log"
-        with opened_for_writing(target) as file:
+        with open_for_writing(target) as file:
             for line in read(source):
                 file.write(self._rewritten_line(line, shifted))
         return target.name
 
     def _collect_signals(self, line: bytes) -> None:
+        """Append a line's readings of the needed signals to their series."""
         for key, frame, group in self._groups(line):
             for signal in group.signals:
                 if signal.field.min_bytes > len(frame.data):
@@ -141,7 +147,7 @@ class CanRewriter:
             ):
                 yield key, frame, group
 
-    def _change(self, series: LoggedSignal) -> bool:
+    def _compute_new_bits(self, series: LoggedSignal) -> bool:
         """Compute the new bits of a signal; return whether any differ."""
         series.new = series.bits
         if len(series.bits) < 2:
@@ -159,18 +165,20 @@ class CanRewriter:
         return new != series.bits
 
     def _changed_counts(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
+        """Return the new counts of a wheel's counter; None where no effect acts on it."""
         signal = series.signal
         assert signal.wheel is not None
         unsigned = signal.backward_when is not None
-        more_rad = self._injection.more_turn_rad(signal.wheel, host_s, unsigned)
+        more_rad = self._injection.added_angle_rad(signal.wheel, host_s, unsigned)
         if not more_rad.any():
             return None
         more = more_rad * self._teeth_per_rev / (2.0 * np.pi * signal.gain)
         counts = np.array(series.bits, dtype=np.float64)
-        made = counts_ahead(counts, more, sigma_of(host_s), signal.modulus)
+        made = add_counts(counts, more, smoothing_readings(host_s), signal.modulus)
         return [int(count) for count in made.tolist()]
 
     def _changed_readings(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
+        """Return the new bits of a sensor's or speed's readings; None where no effect acts on them."""
         signal = series.signal
         layout = signal.field
         numbers = np.array([layout.number(bits) for bits in series.bits], dtype=np.float64)
@@ -179,20 +187,21 @@ class CanRewriter:
             factor = self._injection.speed_factor(signal.wheel, host_s)
             wanted = np.where(factor == 1.0, values, values * factor)
         else:
-            wanted = self._injection.inertial(signal.role, host_s, values)
+            wanted = self._injection.changed_sensor_values(signal.role, host_s, values)
         more = (wanted - values) / signal.gain
         if not more.any():
             return None
         if layout.is_float:
             return [float_bits(number, layout) for number in (numbers + more).tolist()]
-        made = requantised(numbers, more)
+        made = add_to_rounded_readings(numbers, more)
         low, high = (-(1 << layout.length - 1), layout.mask >> 1) if layout.signed else (0, layout.mask)
         return [
-            _bits_of_a_value(int(number), bits, signal)
+            _valid_bits(int(number), bits, signal)
             for number, bits in zip(np.clip(made, low, high).tolist(), series.bits, strict=True)
         ]
 
     def _rewritten_line(self, line: bytes, shifted: bool) -> bytes:
+        """Return the line with the new bits, and its stamp on the changed clock if `shifted`."""
         data: bytearray | None = None
         for key, frame, group in self._groups(line):
             for signal in group.signals:
@@ -208,7 +217,7 @@ class CanRewriter:
                     data = bytearray(frame.data) if data is None else data
                     put_bits(data, signal.field, new)
         if data is not None:
-            line = _with_data(line, bytes(data))
+            line = _replace_data(line, bytes(data))
         if shifted and (match := _STAMP.search(line)) is not None:
             host_s = float(match[1] + b"." + match[2])
             error = float(self._injection.clock_error_s(np.array([host_s]))[0])
@@ -233,10 +242,11 @@ def float_bits(number: float, layout: BitField) -> int:
 
 
 def lines_of(path: Path) -> Iterator[bytes]:
-    """Yield the lines of a file, also of a compressed one, with their ends; one that is cut short ends
-    there."""
+    """Yield the lines of a file, compressed or not, with their ends; a truncated compressed file ends
+    early.
+    """
     try:
-        with opened(path) as file:
+        with open_for_reading(path) as file:
             try:
                 for chunk in file:
                     yield from chunk.splitlines(keepends=True)
@@ -267,16 +277,17 @@ def frame_lines(path: Path) -> Iterator[bytes]:
         yield f"({frame.time_s:.6f}) {channel} {identifier}{mark}{data}\n".encode("ascii")
 
 
-def opened(path: Path) -> IO[bytes]:
-    """Return a file to read bytes from, unpacked where its name says so."""
+def open_for_reading(path: Path) -> IO[bytes]:
+    """Return a file to read bytes from, decompressed where its name says so."""
     if path.name.lower().endswith(".gz"):
         return gzip.GzipFile(path, "rb")  # type: ignore[return-value]
     return path.open("rb")
 
 
-def opened_for_writing(path: Path) -> IO[bytes]:
-    """Return a file to write bytes to, compressed where its name says so, without the time of writing in
-    it."""
+def open_for_writing(path: Path) -> IO[bytes]:
+    """Return a file to write bytes to, compressed where its name says so, without the time of writing
+    in it.
+    """
     try:
         if path.name.lower().endswith(".gz"):
             return gzip.GzipFile(path, "wb", mtime=0)  # type: ignore[return-value]
@@ -285,8 +296,8 @@ def opened_for_writing(path: Path) -> IO[bytes]:
         raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def copy_of(source: Path, target: Path) -> None:
-    """Write the same bytes; a target is a file of its own, also of a source that may not be written."""
+def copy_file(source: Path, target: Path) -> None:
+    """Copy the bytes to a new file, which is writable even if the source is not."""
     try:
         with source.open("rb") as reading, target.open("wb") as writing:
             while chunk := reading.read(1 << 20):
@@ -295,13 +306,15 @@ def copy_of(source: Path, target: Path) -> None:
         raise TpmsdError(f"{error.filename or target}: cannot be written: {error.strerror}") from None
 
 
-def _bits_of_a_value(number: int, bits: int, signal: SignalPlan) -> int:
-    """Return bits of a number; those of the reading itself where they would mean that there is no value."""
+def _valid_bits(number: int, bits: int, signal: SignalPlan) -> int:
+    """Return the bits of a number; the reading's own bits where the new ones would mean that there is no
+    value.
+    """
     made = number & signal.field.mask
     return bits if made in signal.invalid else made
 
 
-def _with_data(line: bytes, data: bytes) -> bytes:
+def _replace_data(line: bytes, data: bytes) -> bytes:
     """Return the line with other data, written in the digits (upper or lower case) that were there."""
     text = line.decode("latin-1")
     match = LINE.match(text.rstrip("\r\n"))

@@ -17,7 +17,7 @@ import numpy as np
 from tpmsd.car.physics.reading_change import FixChange
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.simulator.geodesy import radii_of_curvature
-from tpmsd.offline.simulator.inject_can import copy_of, lines_of, opened_for_writing
+from tpmsd.offline.simulator.inject_can import copy_file, lines_of, open_for_writing
 from tpmsd.offline.simulator.injection import Injection
 from tpmsd.onboard.sources.gnss.nmea_log import bears_host_times, read_nmea_log
 
@@ -65,7 +65,7 @@ class NmeaRewriter:
     last digit have their mean."""
 
     def rewrite(self, source: Path, target: Path) -> bool:
-        """Write the log with the effects; whether anything is different. Where nothing is, it is a copy.
+        """Write the log with the effects; return whether anything changed. Otherwise it is a copy.
 
         Raises:
             InputError: the log cannot be read.
@@ -78,7 +78,7 @@ class NmeaRewriter:
         times = {number: time_s + self.offset_s for time_s, _, number in read_nmea_log(source)}
         numbers = sorted(times)
         host_s = np.array([times[number] for number in numbers])
-        change = self.injection.fixes(host_s)
+        change = self.injection.fix_changes(host_s)
         clock_s = self.injection.clock_error_s(host_s)
         index_of = {number: k for k, number in enumerate(numbers)}
         out: list[bytes] = []
@@ -86,47 +86,52 @@ class NmeaRewriter:
         for number, line in enumerate(lines_of(source), 1):
             made = line
             if (k := index_of.get(number)) is not None:
-                made = self._rewritten_sentence(line, _of(change, k))
+                made = self._rewritten_sentence(line, _change_of_fix(change, k))
                 if stamped and (shift := later_s + float(clock_s[k])) != 0.0:
-                    made = _stamped(made, shift)
+                    made = _delay_stamp(made, shift)
             changed = changed or made != line
             out.append(made)
         if not changed:
-            copy_of(source, target)
+            copy_file(source, target)
             return False
-        with opened_for_writing(target) as file:
+        with open_for_writing(target) as file:
             file.write(b"".join(out))
         return True
 
     def _rewritten_sentence(self, line: bytes, change: FixChange) -> bytes:
+        """Return the line with position, speed and course changed and a new checksum; unchanged where its
+        checksum is wrong.
+        """
         found = list(_SENTENCE.finditer(line))
         if not found or found[-1][2] not in LAYOUTS:
             return line
         match, layout = found[-1], LAYOUTS[found[-1][2]]
         body, check = match[1], match[3]
-        if check is not None and int(check, 16) != _checksum(body):
+        if check is not None and int(check, 16) != _nmea_checksum(body):
             return line
         fields = body.split(b",")
-        if layout.needs is not None and _field(fields, layout.needs[0]) == layout.needs[1]:
+        if layout.needs is not None and _field_or_empty(fields, layout.needs[0]) == layout.needs[1]:
             return line
-        self._move(match[2], fields, layout, change)
-        self._speed(match[2], fields, layout, change)
+        self._change_position(match[2], fields, layout, change)
+        self._change_velocity(match[2], fields, layout, change)
         made = b",".join(fields)
         if made == body:
             return line
         if check is not None:
-            digits = f"{_checksum(made):02x}".encode("ascii")
+            digits = f"{_nmea_checksum(made):02x}".encode("ascii")
             made += b"*" + (digits if check.lower() == check and check.upper() != check else digits.upper())
         return line[: match.start(1)] + made + line[match.end() :]
 
-    def _move(self, kind: bytes, fields: list[bytes], layout: SentenceLayout, change: FixChange) -> None:
-        """Move the position."""
+    def _change_position(
+        self, kind: bytes, fields: list[bytes], layout: SentenceLayout, change: FixChange
+    ) -> None:
+        """Add the change of position to latitude and longitude."""
         if not layout.latitude or len(fields) <= layout.longitude + 1:
             return
         latitude, longitude = fields[layout.latitude], fields[layout.longitude]
         if not (_NUMBER.fullmatch(latitude) and _NUMBER.fullmatch(longitude)):
             return
-        radians = math.radians(_minutes(latitude) / 60.0)
+        radians = math.radians(_minutes_of_arc(latitude) / 60.0)
         meridian, prime = radii_of_curvature(radians)
         north_minutes = 60.0 * math.degrees(float(change.north_m[0]) / float(meridian))
         east_minutes = 60.0 * math.degrees(float(change.east_m[0]) / (float(prime) * math.cos(radians)))
@@ -135,21 +140,24 @@ class NmeaRewriter:
             (layout.longitude, east_minutes, b"W"),
         ):
             sign = -1.0 if fields[number + 1] == negative else 1.0
-            fields[number] = self._minutes_more(kind, number, fields[number], sign * more)
+            fields[number] = self._add_minutes(kind, number, fields[number], sign * more)
 
-    def _minutes_more(self, kind: bytes, number: int, text: bytes, more: float) -> bytes:
+    def _add_minutes(self, kind: bytes, number: int, text: bytes, more: float) -> bytes:
+        """Return a latitude or longitude with `more` minutes of arc added, in as many digits."""
         if more == 0.0:
             return text
         whole, _, digits = text.partition(b".")
         step = 10 ** len(digits)
-        units = round(_minutes(text) * step)
-        moved = max(units + self._rounded(kind, number, more * step), 0)
+        units = round(_minutes_of_arc(text) * step)
+        moved = max(units + self._round_with_remainder(kind, number, more * step), 0)
         degrees, rest = divmod(moved, 60 * step)
         minutes, part = divmod(rest, step)
         made = f"{degrees:0{max(len(whole) - 2, 1)}d}{minutes:02d}"
         return (made + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
-    def _speed(self, kind: bytes, fields: list[bytes], layout: SentenceLayout, change: FixChange) -> None:
+    def _change_velocity(
+        self, kind: bytes, fields: list[bytes], layout: SentenceLayout, change: FixChange
+    ) -> None:
         """Change speed and course as vectors; the speed alone where no course is stated."""
         plain, acting = complex(change.plain_mps[0]), complex(change.acting_mps[0])
         if plain == acting:
@@ -158,32 +166,36 @@ class NmeaRewriter:
         speeds = [
             (float(fields[number]) * unit, number, unit)
             for number, unit in units
-            if number and _NUMBER.fullmatch(_field(fields, number))
+            if number and _NUMBER.fullmatch(_field_or_empty(fields, number))
         ]
         if not speeds:
             return
-        speed, course = speeds[0][0], _field(fields, layout.course)
+        speed, course = speeds[0][0], _field_or_empty(fields, layout.course)
         if _NUMBER.fullmatch(course) and speed > STATIONARY_MPS:
             before = speed * np.exp(1j * math.radians(90.0 - float(course)))
             after = before + acting - plain
             faster = abs(after) - abs(before)
             turned = -math.degrees(float(np.angle(after / before)))
             for number in filter(None, (layout.course, layout.magnetic)):
-                if _NUMBER.fullmatch(_field(fields, number)):
-                    fields[number] = self._more(kind, number, fields[number], turned, 360.0)
+                if _NUMBER.fullmatch(_field_or_empty(fields, number)):
+                    fields[number] = self._add_to_number(kind, number, fields[number], turned, 360.0)
         else:
             faster = abs(acting) - abs(plain)
         for _, number, unit in speeds:
-            fields[number] = self._more(kind, number, fields[number], faster / unit)
+            fields[number] = self._add_to_number(kind, number, fields[number], faster / unit)
 
-    def _more(self, kind: bytes, number: int, text: bytes, more: float, around: float = math.inf) -> bytes:
-        """Return a number's text with something added, in as many digits; it stays within 0 and `around`."""
+    def _add_to_number(
+        self, kind: bytes, number: int, text: bytes, more: float, around: float = math.inf
+    ) -> bytes:
+        """Return a number's text with `more` added, in as many digits; it stays at or above 0, or modulo
+        `around`.
+        """
         if more == 0.0:
             return text
         whole, _, digits = text.partition(b".")
         step = 10 ** len(digits)
         units = round(float(text) * step)
-        moved = units + self._rounded(kind, number, more * step)
+        moved = units + self._round_with_remainder(kind, number, more * step)
         moved = max(moved, 0) if math.isinf(around) else moved % round(around * step)
         if moved == units:
             return text
@@ -191,21 +203,24 @@ class NmeaRewriter:
         padded = len(whole) if whole.startswith(b"0") and len(whole) > 1 else 1
         return (f"{first:0{padded}d}" + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
-    def _rounded(self, kind: bytes, number: int, steps: float) -> int:
-        """Return whole steps, with what was left over before."""
+    def _round_with_remainder(self, kind: bytes, number: int, steps: float) -> int:
+        """Return the steps as a whole number; the rounding error is carried over to the next call for this
+        field.
+        """
         wanted = steps + self._left.get((kind, number), 0.0)
         made = round(wanted)
         self._left[kind, number] = wanted - made
         return made
 
 
-def _of(change: FixChange, k: int) -> FixChange:
+def _change_of_fix(change: FixChange, k: int) -> FixChange:
+    """Return the change of the k-th fix alone."""
     one = slice(k, k + 1)
     return FixChange(change.east_m[one], change.north_m[one], change.plain_mps[one], change.acting_mps[one])
 
 
-def _stamped(line: bytes, later_s: float) -> bytes:
-    """Return the line with a later stamp of as many digits."""
+def _delay_stamp(line: bytes, later_s: float) -> bytes:
+    """Return the line with its stamp `later_s` later, in as many digits."""
     match = _STAMP.match(line)
     if match is None:
         return line
@@ -218,17 +233,17 @@ def _stamped(line: bytes, later_s: float) -> bytes:
     return line[: match.start(1)] + stamp.encode("ascii") + line[end:]
 
 
-def _minutes(text: bytes) -> float:
-    """Return minutes of arc of `ddmm.mmm`."""
+def _minutes_of_arc(text: bytes) -> float:
+    """Return the minutes of arc of `ddmm.mmm`."""
     whole, _, digits = text.partition(b".")
     return 60.0 * int(whole[:-2] or b"0") + float(whole[-2:] + b"." + (digits or b"0"))
 
 
-def _field(fields: list[bytes], number: int) -> bytes:
+def _field_or_empty(fields: list[bytes], number: int) -> bytes:
     return fields[number] if 0 < number < len(fields) else b""
 
 
-def _checksum(body: bytes) -> int:
+def _nmea_checksum(body: bytes) -> int:
     check = 0
     for byte in body:
         check ^= byte

@@ -20,7 +20,7 @@ from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.wheels import RL, RR
 from tpmsd.offline.inference.recording import Recording, record
 from tpmsd.offline.simulator.drive_writer import MAKER, TRUTH
-from tpmsd.offline.simulator.inject_can import CanRewriter, copy_of
+from tpmsd.offline.simulator.inject_can import CanRewriter, copy_file
 from tpmsd.offline.simulator.inject_nmea import NmeaRewriter
 from tpmsd.offline.simulator.injection import Injection
 from tpmsd.offline.simulator.sealed import SEALED
@@ -45,8 +45,9 @@ class InjectionTarget:
 
     @classmethod
     def of(cls, drive: FolderStream, config: Config, ticks: Sequence[Tick]) -> InjectionTarget:
-        """Return the drive and what was read of it; InputError where its clock steps or nothing usable is in
-        it."""
+        """Return the drive with its recording; InputError where its clock steps or the rear wheels were not
+        both read.
+        """
         steps = [tick.host_time_s - tick.time_s for tick in ticks]
         if steps and max(steps) - min(steps) > CLOCK_STEP_S:
             raise InputError(drive.folder, "the host's clock steps within the drive: cut it there")
@@ -60,7 +61,7 @@ class InjectionTarget:
 
 
 def check_target(out: Path, onto: Path, force: bool) -> None:
-    """Say before the work that a folder must not be written to; ConfigError with one line.
+    """Raise ConfigError for a folder that must not be written to, before the work starts.
 
     A folder that holds anything is written to only with `force`, and only if effects were injected there
     before: its `truth.json` or `truth.sealed` says so.
@@ -77,14 +78,14 @@ def check_target(out: Path, onto: Path, force: bool) -> None:
         raise ConfigError(f"{out}: cannot be read: {error.strerror}") from None
     if not names:
         return
-    if not _injected_here(out):
+    if not _is_injected(out):
         raise ConfigError(f"{out}: holds files that no --onto wrote; name another folder")
     if not force:
         raise ConfigError(f"{out}: holds a recording with effects already; --force replaces it")
 
 
 def inject(onto: InjectionTarget, model: ExtendedModel, out: Path, latency_s: float = 0.0) -> list[str]:
-    """Write the folder; the names of the files in which something changed.
+    """Write a drive folder with the effects; return the names of the files in which something changed.
 
     `latency_s` is the recording's GNSS latency beyond the configured one.
 
@@ -107,7 +108,7 @@ def inject(onto: InjectionTarget, model: ExtendedModel, out: Path, latency_s: fl
             (out / name).unlink(missing_ok=True)
         for entry in sorted(drive.folder.iterdir()):
             if entry.is_file() and entry not in logs and entry.name not in (TRUTH, SEALED):
-                copy_of(entry, out / entry.name)
+                copy_file(entry, out / entry.name)
         plans = compile_plans(config, load_databases(config))
         can = CanRewriter(plans, injection, config.vehicle.teeth_per_rev, drive.channel, drive.buses)
         for stale in READERS:  # of another format, which an earlier run left
@@ -125,7 +126,11 @@ def inject(onto: InjectionTarget, model: ExtendedModel, out: Path, latency_s: fl
 
 def write_truth(out: Path, onto: InjectionTarget, model: ExtendedModel) -> None:
     """Write `truth.json`: the recording's name and what was injected."""
-    document = {"program": MAKER, "onto": onto.drive.folder.resolve().name, "effects": effects_of(model)}
+    document = {
+        "program": MAKER,
+        "onto": onto.drive.folder.resolve().name,
+        "effects": effects_document(model),
+    }
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
     try:
         (out / TRUTH).write_text("{" + ",\n ".join(lines) + "}\n", encoding="utf-8")
@@ -133,13 +138,13 @@ def write_truth(out: Path, onto: InjectionTarget, model: ExtendedModel) -> None:
         raise TpmsdError(f"{out / TRUTH}: cannot be written: {error.strerror}") from None
 
 
-def effects_of(model: ExtendedModel) -> list[dict[str, Any]]:
-    """Return names and parameters as `truth.json` has them."""
+def effects_document(model: ExtendedModel) -> list[dict[str, Any]]:
+    """Return names and parameters of the effects as in `truth.json`."""
     return [{"name": effect.name, "parameters": effect.values()} for effect in model]
 
 
-def _injected_here(out: Path) -> bool:
-    """Return whether the folder bears the mark of an injection."""
+def _is_injected(out: Path) -> bool:
+    """Return whether the folder was written by an injection."""
     if (out / SEALED).is_file():
         return True
     try:

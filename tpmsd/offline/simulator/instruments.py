@@ -24,13 +24,19 @@ _ROLLING_MPS2 = 0.1
 
 
 def with_instruments(motion: Motion, car: Car) -> Motion:
-    """Return the motion with torque (Nm) and temperature (K); what was measured already stays as it is."""
-    torque = np.maximum(drive_mps2(motion), ENGINE_BRAKE_MPS2) * _MASS_KG * float(car.radius_m.mean())
+    """Return the motion with drive torque (Nm) and temperature (K) added; those that were measured stay as
+    they are.
+    """
+    torque = (
+        np.maximum(drive_force_per_mass(motion), ENGINE_BRAKE_MPS2) * _MASS_KG * float(car.radius_m.mean())
+    )
     ambient = np.full(len(motion), _AMBIENT_DEGC + ZERO_DEGC_K)
     return dataclasses.replace(motion, measured={"torque": torque, "temperature": ambient, **motion.measured})
 
 
-def drive_mps2(motion: Motion) -> FloatArray:
-    """Return (n,) force at the driven wheels per mass: acceleration, slope, drag and rolling resistance."""
+def drive_force_per_mass(motion: Motion) -> FloatArray:
+    """Return the (n,) force at the driven wheels per mass, m/s2: acceleration, slope, drag and rolling
+    resistance.
+    """
     drag = _DRAG_PER_MASS * motion.speed_mps**2
     return np.asarray(motion.specific_force_long_mps2 + drag + _ROLLING_MPS2)

@@ -62,7 +62,7 @@ class PtyPort:
                 raise TpmsdError(f"{link}: cannot be made a link to {self.path}: {error.strerror}") from None
 
     def write(self, data: bytes) -> None:
-        """Send bytes to whoever reads; what does not fit into the line's buffer is dropped."""
+        """Send bytes to the reader; what does not fit into the line's buffer is dropped."""
         try:
             sent = os.write(self._master, data)
         except OSError as error:
@@ -72,7 +72,7 @@ class PtyPort:
         self.dropped_bytes += len(data) - sent
 
     def close(self) -> None:
-        """Hang up: the reader sees the receiver being unplugged."""
+        """Close the port; the reader sees the receiver being unplugged."""
         for fd in (self._master, self._slave):
             with contextlib.suppress(OSError):
                 os.close(fd)
@@ -153,13 +153,13 @@ class LivePlayer:
         nmea_times = np.array([line.time_s for line in nmea])
         times = np.concatenate([frame_times, nmea_times])
         order = np.argsort(times, kind="stable")
-        again = _next_of_its_kind(frame_times, frames.frame_id)
+        again = _next_due_times(frame_times, frames.frame_id)
         self._began = self._monotonic()
         for index in order.tolist():
             if not self._wait_until(float(times[index])):
                 break
             if index < len(frames):
-                if self._newest_only and self._overtaken(float(frame_times[index]), float(again[index])):
+                if self._newest_only and self._is_superseded(float(frame_times[index]), float(again[index])):
                     self.stats.overtaken += 1
                     continue
                 self._send_frame(
@@ -174,7 +174,7 @@ class LivePlayer:
         """Play in a thread of its own."""
         if self._thread is not None:
             raise RuntimeError("this player was started before")
-        self._thread = threading.Thread(target=self._run, name="tpmsd-live-player", daemon=True)
+        self._thread = threading.Thread(target=self._run_thread, name="tpmsd-live-player", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -182,21 +182,23 @@ class LivePlayer:
         self._stop.set()
 
     def join(self, timeout_s: float | None = None) -> bool:
-        """Wait for the end; True if it has come. Raises what the player died of, if anything."""
+        """Wait for the end; return True if it has come. Raises the exception that ended the player, if
+        any.
+        """
         if self._thread is not None:
             self._thread.join(timeout_s)
         if self._failure is not None:
             raise self._failure
         return self._thread is None or not self._thread.is_alive()
 
-    def _run(self) -> None:
+    def _run_thread(self) -> None:
         try:
             self.play()
         except BaseException as failure:  # handed to whoever joins: a thread has nobody else to tell
             self._failure = failure
 
     def _wait_until(self, host_s: float) -> bool:
-        """Wait for a deadline; False if the player was stopped."""
+        """Wait until a time of the drive; return False if the player was stopped."""
         began = self._began if self._began is not None else 0.0
         deadline = began + (host_s - self.start_host_s) / self._speedup
         while (ahead := deadline - self._monotonic()) > 0:
@@ -207,7 +209,8 @@ class LivePlayer:
         self.stats.worst_lateness_s = max(self.stats.worst_lateness_s, -ahead)
         return not self._stop.is_set()
 
-    def _overtaken(self, host_s: float, again_s: float) -> bool:
+    def _is_superseded(self, host_s: float, again_s: float) -> bool:
+        """Return whether a frame is late and the next one of its identifier is already due."""
         now_s = self.now()
         return now_s - host_s > _HELD_UP_S * self._speedup and again_s <= now_s
 
@@ -224,8 +227,10 @@ class LivePlayer:
             self.stats.frames += 1
 
 
-def _next_of_its_kind(time_s: FloatArray, frame_id: NDArray[np.int64]) -> FloatArray:
-    """Return (n,) when the next frame of the same identifier is due; infinite for the last one."""
+def _next_due_times(time_s: FloatArray, frame_id: NDArray[np.int64]) -> FloatArray:
+    """Return the (n,) times at which the next frame of the same identifier is due; infinite for the
+    last one.
+    """
     out = np.full(len(time_s), np.inf)
     for one in np.unique(frame_id):
         at = np.flatnonzero(frame_id == one)

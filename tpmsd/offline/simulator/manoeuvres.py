@@ -58,19 +58,19 @@ class Manoeuvre:
 
     @property
     def fastest_mps(self) -> float:
-        """Greatest speed in it."""
+        """Greatest speed of its steps, m/s."""
         return max(step.speed_mps for step in self.steps)
 
     @property
     def flat(self) -> bool:
-        """True if it needs no slope."""
+        """True if no step has a slope."""
         return all(step.slope == 0.0 for step in self.steps)
 
 
-def _bends(
+def _alternating_bends(
     speed_mps: float, lateral_mps2: float, seconds: float, times: int = 2
 ) -> tuple[ManoeuvrePart, ...]:
-    """Return the same bend to both sides."""
+    """Return steps with the same bend to the left and to the right, `times` over."""
     bend = lateral_mps2 / speed_mps**2
     both = (
         ManoeuvrePart(seconds, speed_mps, bend),
@@ -80,8 +80,12 @@ def _bends(
     return (ManoeuvrePart(3.0, speed_mps), *(both * times), ManoeuvrePart(3.0, speed_mps))
 
 
-def _swing(low: float, high: float, up: float, down: float, times: int = 2) -> tuple[ManoeuvrePart, ...]:
-    """Return the speed up and brake again, m/s and m/s2."""
+def _speed_cycles(
+    low: float, high: float, up: float, down: float, times: int = 2
+) -> tuple[ManoeuvrePart, ...]:
+    """Return steps from `low` to `high` speed and back, m/s, at accelerations `up` and `down`, m/s2, `times`
+    over.
+    """
     rise, fall = ManoeuvrePart((high - low) / up, high), ManoeuvrePart((high - low) / down, low)
     return (
         ManoeuvrePart(2.0, low),
@@ -94,13 +98,13 @@ LIBRARY: tuple[Manoeuvre, ...] = (
     Manoeuvre("hold 15 m/s", (ManoeuvrePart(40.0, 15.0),)),
     Manoeuvre("hold 22 m/s", (ManoeuvrePart(40.0, 22.0),)),
     Manoeuvre("hold 30 m/s", (ManoeuvrePart(40.0, 30.0),)),
-    Manoeuvre("speed up and slow down gently", _swing(8.0, 22.0, 0.8, 0.8)),
-    Manoeuvre("speed up and brake firmly", _swing(6.0, 22.0, 2.0, 3.0)),
-    Manoeuvre("speed up and brake firmly at 30 m/s", _swing(20.0, 30.0, 1.2, 3.0)),
-    Manoeuvre("circles of 20 m at 6 m/s, both sides", _bends(6.0, 1.8, 20.0)),
-    Manoeuvre("bends at 10 m/s, both sides", _bends(10.0, 2.5, 10.0)),
-    Manoeuvre("bends at 20 m/s, both sides", _bends(20.0, 2.5, 10.0)),
-    Manoeuvre("bends at 30 m/s, both sides", _bends(30.0, 2.0, 10.0)),
+    Manoeuvre("speed up and slow down gently", _speed_cycles(8.0, 22.0, 0.8, 0.8)),
+    Manoeuvre("speed up and brake firmly", _speed_cycles(6.0, 22.0, 2.0, 3.0)),
+    Manoeuvre("speed up and brake firmly at 30 m/s", _speed_cycles(20.0, 30.0, 1.2, 3.0)),
+    Manoeuvre("circles of 20 m at 6 m/s, both sides", _alternating_bends(6.0, 1.8, 20.0)),
+    Manoeuvre("bends at 10 m/s, both sides", _alternating_bends(10.0, 2.5, 10.0)),
+    Manoeuvre("bends at 20 m/s, both sides", _alternating_bends(20.0, 2.5, 10.0)),
+    Manoeuvre("bends at 30 m/s, both sides", _alternating_bends(30.0, 2.0, 10.0)),
     Manoeuvre(
         "climb and descend 6 %",
         (
@@ -156,15 +160,15 @@ def motion_of(steps: Sequence[ManoeuvrePart], wheelbase_m: float, rate_hz: float
     wide = np.arange(-half, count + half) / rate_hz
     window = np.hanning(2 * half + 3)[1:-1]
 
-    def rounded(values: FloatArray) -> FloatArray:
+    def smoothed(values: FloatArray) -> FloatArray:
         return np.asarray(np.convolve(values, window / window.sum(), mode="valid"))
 
     which = np.minimum(np.searchsorted(ends, wide, side="right"), len(steps) - 1)
-    speed = rounded(
+    speed = smoothed(
         np.interp(wide, np.concatenate([[0.0], ends]), [0.0, *(step.speed_mps for step in steps)])
     )
-    bend = rounded(np.array([step.curvature_per_m for step in steps])[which])
-    slope = rounded(np.array([step.slope for step in steps])[which])
+    bend = smoothed(np.array([step.curvature_per_m for step in steps])[which])
+    slope = smoothed(np.array([step.slope for step in steps])[which])
     return Motion.from_profiles(
         time_s, np.maximum(speed, 0.0), speed * bend, wheelbase_m=wheelbase_m, grade_rad=np.arctan(slope)
     )

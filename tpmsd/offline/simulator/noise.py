@@ -15,8 +15,8 @@ from tpmsd.foundation.wheels import FloatArray
 def gauss_markov(
     rng: np.random.Generator, count: int, step_s: float, std: float, time_constant_s: float, columns: int
 ) -> FloatArray:
-    """Return (count, columns) stationary first-order Gauss-Markov noise with this standard deviation and
-    correlation time.
+    """Return (count, columns) stationary first-order Gauss-Markov noise of standard deviation `std` and
+    correlation time `time_constant_s`.
 
     x[k+1] = phi x[k] + sqrt(1 - phi^2) std w[k], phi = exp(-step / time constant): its autocorrelation at a
     lag of one time constant is 1/e. `scipy.signal.lfilter` gives the same bits, but takes longer to import

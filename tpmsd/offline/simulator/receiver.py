@@ -90,8 +90,8 @@ class Epochs:
     height_m: FloatArray
 
 
-def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Generator) -> Epochs:
-    """Return all epochs of the drive. Epochs fall on whole multiples of the receiver's period in UTC."""
+def measure_epochs(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Generator) -> Epochs:
+    """Return all epochs of the drive, at whole multiples of the receiver's period in UTC."""
     motion, antenna = world.motion, world.antenna
     period = 1.0 / spec.rate_hz
     end = float(motion.time_s[-1])
@@ -182,8 +182,9 @@ def nmea_lines(
 
 
 def _position_jumps(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> FloatArray:
+    """Return the (m, 2) position errors, m, of random jumps that decay exponentially."""
     out = np.zeros((len(time_s), 2))
-    for start in _events(time_s, spec.jumps_per_hour, rng):
+    for start in _random_event_times(time_s, spec.jumps_per_hour, rng):
         direction = float(rng.uniform(0, 2 * np.pi))
         size = spec.jump_m * float(rng.uniform(0.5, 1.5))
         since = time_s - start
@@ -193,17 +194,19 @@ def _position_jumps(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Gener
 
 
 def _valid_epochs(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> np.ndarray:
+    """Return (m,) True for epochs outside the specified and the random outages."""
     valid = np.ones(len(time_s), dtype=bool)
     random = [
         (start, start + float(rng.exponential(spec.outage_s)))
-        for start in _events(time_s, spec.outages_per_hour, rng)
+        for start in _random_event_times(time_s, spec.outages_per_hour, rng)
     ]
     for begin, end in [*spec.outages, *random]:
         valid &= (time_s < begin) | (time_s >= end)
     return valid
 
 
-def _events(time_s: FloatArray, per_hour: float, rng: np.random.Generator) -> list[float]:
+def _random_event_times(time_s: FloatArray, per_hour: float, rng: np.random.Generator) -> list[float]:
+    """Return the sorted times of a Poisson process of `per_hour` events an hour."""
     span = float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
     count = int(rng.poisson(per_hour * span / 3600.0))
     return sorted(float(time_s[0]) + float(x) for x in rng.uniform(0, span, count))

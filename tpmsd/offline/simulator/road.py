@@ -66,7 +66,7 @@ def _straight(length_m: float, limit_mps: float, style: RoadStyle, stop_s: float
     return Segment(length_m, 0.0, limit_mps, style, stop_s)
 
 
-def _sign(rng: np.random.Generator) -> float:
+def _random_sign(rng: np.random.Generator) -> float:
     return 1.0 if rng.random() < 0.5 else -1.0
 
 
@@ -78,14 +78,14 @@ def _city_segments(rng: np.random.Generator) -> Iterator[Segment]:
             yield _straight(float(rng.uniform(80, 350)), limit, CITY, wait)
             kind = rng.random()
             if kind < 0.45:
-                yield _bend(_sign(rng) * math.pi / 2, float(rng.uniform(8, 16)), limit, CITY)
+                yield _bend(_random_sign(rng) * math.pi / 2, float(rng.uniform(8, 16)), limit, CITY)
             elif kind < 0.6:  # a roundabout, driven to the second exit: right, left, right
                 yield _bend(-0.6, 14.0, limit, CITY)
                 yield _bend(1.9, 16.0, limit, CITY)
                 yield _bend(-0.6, 16.0, limit, CITY)
             elif kind < 0.85:
                 yield _bend(
-                    _sign(rng) * float(rng.uniform(0.2, 0.8)), float(rng.uniform(50, 160)), limit, CITY
+                    _random_sign(rng) * float(rng.uniform(0.2, 0.8)), float(rng.uniform(50, 160)), limit, CITY
                 )
 
 
@@ -94,28 +94,30 @@ def _rural_segments(rng: np.random.Generator, style: RoadStyle = RURAL) -> Itera
         limit = float(rng.choice([70, 80, 90, 100])) * KMH
         for _ in range(int(rng.integers(6, 14))):
             yield _straight(float(rng.uniform(60, 500)), limit, style)
-            yield _bend(_sign(rng) * float(rng.uniform(0.15, 1.1)), float(rng.uniform(90, 600)), limit, style)
+            yield _bend(
+                _random_sign(rng) * float(rng.uniform(0.15, 1.1)), float(rng.uniform(90, 600)), limit, style
+            )
         if rng.random() < 0.5:  # a village
             yield _straight(float(rng.uniform(300, 900)), 50 * KMH, style)
         if rng.random() < 0.4:  # a junction
             yield _straight(float(rng.uniform(60, 150)), 60 * KMH, style, float(rng.uniform(3, 15)))
-            yield _bend(_sign(rng) * math.pi / 2, 18.0, 40 * KMH, style)
+            yield _bend(_random_sign(rng) * math.pi / 2, 18.0, 40 * KMH, style)
 
 
 def _motorway_segments(rng: np.random.Generator) -> Iterator[Segment]:
     yield _straight(200.0, 60 * KMH, RURAL)
-    yield _bend(_sign(rng) * 1.9, 70.0, 60 * KMH, RURAL)
+    yield _bend(_random_sign(rng) * 1.9, 70.0, 60 * KMH, RURAL)
     while True:
         limit = float(rng.choice([80, 100, 100, 120, 120, 130])) * KMH
         for _ in range(int(rng.integers(2, 5))):
             traffic = float(rng.uniform(0.65, 0.9)) if rng.random() < 0.2 else 1.0
             yield _straight(float(rng.uniform(300, 1500)), limit * traffic, MOTORWAY)
             radius = float(rng.uniform(800, 4000))
-            yield _bend(_sign(rng) * float(rng.uniform(0.1, 0.6)), radius, limit * traffic, MOTORWAY)
+            yield _bend(_random_sign(rng) * float(rng.uniform(0.1, 0.6)), radius, limit * traffic, MOTORWAY)
 
 
 def _oval(rng: np.random.Generator) -> Iterator[Segment]:
-    side = _sign(rng)
+    side = _random_sign(rng)
     while True:
         limit = float(rng.uniform(12, 22))
         for _ in range(2):
@@ -160,7 +162,7 @@ def _mixed(rng: np.random.Generator, duration_s: float) -> Iterator[Segment]:
         (_motorway_segments, 0.3),
         (_rural_segments, 0.1),
     ):
-        yield from _enough(kind(rng), duration_s * share)
+        yield from _until_duration(kind(rng), duration_s * share)
     yield from _city_segments(rng)
 
 
@@ -180,10 +182,11 @@ def make_road(kind: str, duration_s: float, rng: np.random.Generator) -> list[Se
     segments = _mixed(rng, duration_s) if kind == "mixed" else _KINDS[kind](rng)
     first = next(segments)
     away = _straight(60.0, 50 * KMH, first.style)  # setting off, before the first bend
-    return list(_enough(chain([away, first], segments), 1.15 * duration_s + 10.0))
+    return list(_until_duration(chain([away, first], segments), 1.15 * duration_s + 10.0))
 
 
-def _enough(segments: Iterator[Segment], duration_s: float) -> Iterator[Segment]:
+def _until_duration(segments: Iterator[Segment], duration_s: float) -> Iterator[Segment]:
+    """Yield segments until their duration at their limits reaches `duration_s`."""
     total = 0.0
     for segment in segments:
         yield segment

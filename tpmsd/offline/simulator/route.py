@@ -41,7 +41,7 @@ class Driver:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Driver:
-        """Return somebody between gentle and brisk."""
+        """Return a random driver between gentle and brisk."""
         return cls(
             accel_mps2=float(rng.uniform(1.3, 2.3)),
             brake_mps2=float(rng.uniform(1.2, 2.2)),
@@ -84,7 +84,7 @@ def drive_along(
     """Drive along these segments from a standstill; they must last for the duration."""
     ends = np.cumsum([segment.length_m for segment in segments])
     path_m = np.arange(0.0, ends[-1], _GRID_M)
-    curvature = _curvature_along(segments, ends, path_m) + _lane_drift(segments, ends, path_m, rng)
+    curvature = _road_curvature(segments, ends, path_m) + _lane_drift_curvature(segments, ends, path_m, rng)
     tan_grade = _tan_grade(segments, ends, path_m, rng)
     cap = _speed_cap(segments, ends, path_m, curvature, driver, rng)
     stops = [
@@ -95,8 +95,8 @@ def drive_along(
     cap[0] = 0.0
     for index, _ in stops:
         cap[index] = 0.0
-    speed = _feasible(path_m, cap, driver)
-    time_s, speed_t = _over_time(path_m, speed, [(0, driver.start_wait_s), *stops], duration_s)
+    speed = _feasible_speed(path_m, cap, driver)
+    time_s, speed_t = _speed_over_time(path_m, speed, [(0, driver.start_wait_s), *stops], duration_s)
     distance = np.concatenate([[0.0], np.cumsum(0.5 * (speed_t[1:] + speed_t[:-1]) / RATE_HZ)])
     grade = np.zeros_like(time_s) if flat else np.arctan(np.interp(distance, path_m, tan_grade))
     return Motion.from_profiles(
@@ -109,7 +109,7 @@ def drive_along(
     )
 
 
-def _curvature_along(segments: list[Segment], ends: FloatArray, path_m: FloatArray) -> FloatArray:
+def _road_curvature(segments: list[Segment], ends: FloatArray, path_m: FloatArray) -> FloatArray:
     knots: list[float] = []
     values: list[float] = []
     for end, segment in zip(ends, segments, strict=True):
@@ -120,11 +120,12 @@ def _curvature_along(segments: list[Segment], ends: FloatArray, path_m: FloatArr
     return np.asarray(np.interp(path_m, knots, values))
 
 
-def _lane_drift(
+def _lane_drift_curvature(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Return the curvature of the driver's path beyond the road's: second derivative of the place across the
-    lane."""
+    """Return the curvature of the driver's path beyond the road's: second derivative of the lateral position
+    in the lane.
+    """
     knots, offsets = [0.0], [0.0]
     lane = 0.0
     index = 0
@@ -142,7 +143,7 @@ def _lane_drift(
 def _tan_grade(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Return the slope along the path: level at the start, smooth, within 12 %."""
+    """Return the tangent of the slope along the path: level at the start, smooth, within 12 %."""
     knots, grades = [0.0], [0.0]
     index = 0
     while knots[-1] < path_m[-1]:
@@ -163,6 +164,7 @@ def _speed_cap(
     driver: Driver,
     rng: np.random.Generator,
 ) -> FloatArray:
+    """Return the highest speed along the path by limits, the driver's habits and lateral acceleration."""
     which = np.minimum(np.searchsorted(ends, path_m, side="right"), len(segments) - 1)
     limit = np.array([segment.limit_mps for segment in segments])[which]
     knots = np.arange(0.0, path_m[-1] + 300.0, 150.0)
@@ -172,7 +174,7 @@ def _speed_cap(
     return np.asarray(np.minimum(limit, in_bend))
 
 
-def _feasible(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatArray:
+def _feasible_speed(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatArray:
     """Return the highest speed below the cap that the driver's acceleration and braking allow.
 
     With E(v) = integral of v/a(v) dv, a car at full acceleration gains E at the rate of one per metre, so
@@ -187,7 +189,7 @@ def _feasible(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatA
     return np.asarray(np.sqrt(2 * driver.brake_mps2 * np.maximum(backward, 0.0)))
 
 
-def _over_time(
+def _speed_over_time(
     path_m: FloatArray, speed_mps: FloatArray, stops: list[tuple[int, float]], duration_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the speed at 100 Hz, jerk limited by a Hann window; `stops` are (index into the path,

@@ -57,12 +57,12 @@ def unseal(path: Path) -> tuple[dict[str, Any], str]:
         document = json.loads(text)
     except (binascii.Error, zlib.error, ValueError, RecursionError) as error:
         raise InputError(path, f"the seal is broken: {error}") from None
-    if not isinstance(document, dict) or not _is_truth(document):
+    if not isinstance(document, dict) or not _has_effects(document):
         raise InputError(path, "the seal is broken: it holds no truth")
     return document, hashlib.sha256(data).hexdigest()
 
 
-def _is_truth(document: dict[str, Any]) -> bool:
+def _has_effects(document: dict[str, Any]) -> bool:
     effects = document.get("effects")
     return isinstance(effects, list) and all(
         isinstance(one, dict) and isinstance(one.get("name"), str) and isinstance(one.get("parameters"), dict)

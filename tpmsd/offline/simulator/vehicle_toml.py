@@ -24,12 +24,13 @@ def vehicle_toml(
     channel: str = "can0",
     device: str = "/dev/ttyACM0",
 ) -> str:
-    """Return the data that the operator of the simulated car knows, as TOML; the keywords name the ports of a
-    live drive."""
+    """Return as TOML the configuration that the operator of the simulated car has; the keywords name the
+    ports of a live drive.
+    """
     lines = ["[vehicle]"]
     if vehicle.name is not None:
         lines.append(f"name = {json.dumps(vehicle.name)}")
-    lines += [f"wheel_radius_m = {_radius(vehicle)}"]
+    lines += [f"wheel_radius_m = {_radius_value(vehicle)}"]
     for key in ("track_front_m", "track_rear_m", "wheelbase_m"):
         lines.append(f"{key} = {getattr(vehicle, key)!r}")
     lines.append(f'driven_axle = "{vehicle.driven_axle}"')
@@ -52,7 +53,7 @@ def vehicle_toml(
         if signal.role
     }
     # Wheels first, in their order.
-    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _wheel_order(role), role))
+    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _wheel_sort_key(role), role))
     lines += [f'{role} = "{roles[role]}"' for role in ordered]
     lines += [
         "",
@@ -66,11 +67,12 @@ def vehicle_toml(
     return "\n".join(lines) + "\n"
 
 
-def _wheel_order(role: str) -> int:
+def _wheel_sort_key(role: str) -> int:
     return WHEELS.index(role[-2:]) if role.startswith("wheel_") else len(WHEELS)
 
 
-def _radius(vehicle: VehicleConfig) -> str:
+def _radius_value(vehicle: VehicleConfig) -> str:
+    """Return the TOML value of `wheel_radius_m`: a number, or a table where the wheels differ."""
     radii = vehicle.wheel_radius_m
     if len(set(radii)) == 1:
         return repr(radii[0])

@@ -49,12 +49,15 @@ class World:
         return np.interp(time_s, self.motion.time_s, self.angles_rad[:, wheel])
 
     def host_s(self, clocks: Clocks, time_s: FloatArray) -> FloatArray:
-        """Return host's clock, with the errors that effects give it, at times since the start; same shape."""
+        """Return the host's clock, with the errors that effects give it, at times since the start; same
+        shape.
+        """
         return clocks.host_s(time_s) + self.model.clock_error_s(time_s)
 
     def counts_at(self, time_s: FloatArray, wheel: int) -> FloatArray:
-        """Return counts since the start, not yet rounded down, that the wheel's ring has shown; same
-        shape."""
+        """Return the counts since the start, not yet rounded down, that the wheel's ring has shown; same
+        shape.
+        """
         return counted_revolutions(self.angle_at(time_s, wheel), wheel, self.car, self.model)
 
 
