@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import tpmsd
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.tables.encode import encode
-from tpmsd.offline.tables.gather import on_earth
+from tpmsd.offline.tables.gather import geodetic_from_plane
 from tpmsd.offline.tables.signals import Fixes, SignalReadings, Signals
 from tpmsd.onboard.timeline.local_plane import LocalPlane
 
@@ -112,7 +112,7 @@ def test_a_plane_laid_on_the_earth_comes_back(seed: int) -> None:
     heading = np.cumsum(0.05 * rng.standard_normal(1000))
     steps = 20.0 * np.exp(1j * heading)
     path = np.concatenate([[0.0], np.cumsum(steps)])
-    latitude, longitude, _ = on_earth(path.real, path.imag, np.zeros(len(path)))
+    latitude, longitude, _ = geodetic_from_plane(path.real, path.imag, np.zeros(len(path)))
     back = LocalPlane().to_plane_array(latitude, longitude, np.zeros(len(path)))
 
     np.testing.assert_allclose(back[:, 0] + 1j * back[:, 1], path, atol=0.05)

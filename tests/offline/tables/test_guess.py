@@ -13,13 +13,13 @@ from tpmsd.interfaces.api.import_table import guess_map
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.tables.guess import Guess
 from tpmsd.offline.tables.guess import guess as guessed
-from tpmsd.offline.tables.guess_names import roles_by_name, spelled
+from tpmsd.offline.tables.guess_names import parse_name, roles_by_name
 from tpmsd.offline.tables.guess_values import (
     kind_of_wheel,
     modulus_of,
     road_unit,
+    rotation_unit,
     time_unit,
-    turning_unit,
 )
 from tpmsd.offline.tables.map_file import load_map
 from tpmsd.offline.tables.read_table import read_table
@@ -284,14 +284,14 @@ def test_names_that_are_no_role(name: str) -> None:
 def test_units_of_names_and_values() -> None:
     """Brackets and suffixes; steps of time; ratios to metres per second."""
     assert ["km/h", "m/s", "deg/s", None] == [
-        spelled(name).unit for name in ("v [km/h]", "speed_mps", "yaw_rate_degps", "v_rr")
+        parse_name(name).unit for name in ("v [km/h]", "speed_mps", "yaw_rate_degps", "v_rr")
     ]
-    assert ["km/h", "deg/s"] == [spelled(name).unit for name in ("WheelSpd_FL_kph", "yawRate_dps")]
+    assert ["km/h", "deg/s"] == [parse_name(name).unit for name in ("WheelSpd_FL_kph", "yawRate_dps")]
     assert ["s", "ms", "us", "ns", None] == [
         time_unit(np.arange(50.0) * step) for step in (0.01, 10.0, 1e4, 1e7, -1.0)
     ]
     assert ("km/h", None) == (road_unit(3.55), road_unit(2.9))
-    unit, radius_m = turning_unit(1.0 / 0.3) or ("", 0.0)
+    unit, radius_m = rotation_unit(1.0 / 0.3) or ("", 0.0)
     assert "rad/s" == unit
     assert 0.3 == pytest.approx(radius_m)
     rising = np.arange(0.0, 5000.0, 7.0)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +18,6 @@ def given_or_new_axes(ax: Axes | None) -> Axes:
     matplotlib."""
     if ax is not None:
         return ax
-    _, made = need("matplotlib.pyplot", "plot", "plots").subplots(layout="constrained")
+    _, made = import_extra("matplotlib.pyplot", "plot", "plots").subplots(layout="constrained")
     axes: Axes = made
     return axes

@@ -25,7 +25,7 @@ from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.offline.drives.reading import MemoryRecording
 from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.rings.tooth_count import tyre_radius_m
-from tpmsd.offline.tables.extras import need_pandas
+from tpmsd.offline.tables.extras import import_pandas
 from tpmsd.onboard.sources.can.block import block_of
 from tpmsd.onboard.sources.can.databases import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
@@ -76,7 +76,7 @@ class Discovery:
             {"role": role, "signal": one.field.signal, "probability": one.probability}
             for role, one in self.roles.items()
         ]
-        frame: pd.DataFrame = need_pandas().DataFrame(rows, columns=["role", "signal", "probability"])
+        frame: pd.DataFrame = import_pandas().DataFrame(rows, columns=["role", "signal", "probability"])
         return frame
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -25,7 +25,7 @@ from tpmsd.offline.report.replay_document import REPLAY_SCHEMA, replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_series import settled_range
 from tpmsd.offline.report.wording import alarm_label
-from tpmsd.offline.tables.extras import need_pandas
+from tpmsd.offline.tables.extras import import_pandas
 from tpmsd.offline.tables.tick_table import TickTable
 from tpmsd.onboard.monitor.records import AlarmEvent
 
@@ -212,7 +212,7 @@ class Diagnosis:
                 rows.append({**shared, "parameter": name, **quantity})
         columns = ["effect", "parameter", "value", "std", "unit", "confidence"]
         columns += ["wheels", "channel", "covariate", "gain_nats"]
-        frame: pd.DataFrame = need_pandas().DataFrame(rows, columns=columns)
+        frame: pd.DataFrame = import_pandas().DataFrame(rows, columns=columns)
         return frame
 
     def to_html(self, standalone: bool = True) -> str:
@@ -306,7 +306,7 @@ class Calibration:
     def to_pandas(self) -> pd.DataFrame:
         """Return a row per wheel."""
         rows = [{"wheel": wheel, **values} for wheel, values in self.to_dict()["wheels"].items()]
-        frame: pd.DataFrame = need_pandas().DataFrame(rows)
+        frame: pd.DataFrame = import_pandas().DataFrame(rows)
         return frame
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -20,7 +20,7 @@ from tpmsd.foundation.text_file import read_text
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.filter_options import add_filter_options, refuse_without_drive, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -61,7 +61,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    need("uvicorn", "web", "pages")
+    import_extra("uvicorn", "web", "pages")
     settings = settings_of(args)
     with no_collection():  # nearly all that an import makes stays
         from tpmsd.interfaces.web.server import make_server, port_of

@@ -21,7 +21,7 @@ from typing import Any
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.provenance import content_hash
 from tpmsd.offline.fleet.store import DriveEntry
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 
 VEHICLE = "vehicle.toml"
 _GEOMETRY = ("wheel_radius_m", "track_front_m", "track_rear_m", "wheelbase_m")
@@ -84,7 +84,7 @@ def _glob_paths(pattern: str) -> list[str]:
 
 
 def _remote_drive_folders(url: str) -> Iterator[str]:
-    fsspec = need("fsspec", "fleet", "URLs")
+    fsspec = import_extra("fsspec", "fleet", "URLs")
     try:
         system, root = fsspec.core.url_to_fs(url)
         tops = system.glob(root) if glob.has_magic(root) else [root]
@@ -102,7 +102,7 @@ def local_copy(path: str) -> Iterator[Path]:
     if "://" not in path:
         yield Path(path)
         return
-    fsspec = need("fsspec", "fleet", "URLs")
+    fsspec = import_extra("fsspec", "fleet", "URLs")
     with tempfile.TemporaryDirectory(prefix="tpmsd-drive-") as folder:
         try:
             system, root = fsspec.core.url_to_fs(path)

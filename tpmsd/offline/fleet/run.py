@@ -23,7 +23,7 @@ from tpmsd.foundation.errors import TpmsdError
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.work import STAGES, is_missing, work_on_drive
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def run(
     begun = time.monotonic()
     if not keys:
         return Tally(0, 0, 0.0, {})
-    distributed = need("distributed", "fleet", "fleets")
+    distributed = import_extra("distributed", "fleet", "fleets")
     name = uuid.uuid4().hex[:8]
     with _dask_client(distributed, scheduler, jobs, memory) as client:
         waiting = iter(keys)
@@ -96,7 +96,7 @@ def run(
 @contextlib.contextmanager
 def _dask_client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> Iterator[Any]:
     """Yield a client of the scheduler, or of a cluster of `jobs` processes on this machine."""
-    dask = need("dask", "fleet", "fleets")
+    dask = import_extra("dask", "fleet", "fleets")
     # A worker's own threads take the interpreter from the drive in work: the profile looks at its stack 100
     # times a second, its ticks at the event loop 50 times, its monitor at the system twice.
     low_overhead = {
@@ -119,7 +119,7 @@ def _dask_client(distributed: Any, scheduler: str | None, jobs: int, memory: str
             with client:
                 yield client
             return
-        need("cryptography", "fleet", "fleets")
+        import_extra("cryptography", "fleet", "fleets")
         with (
             _without_main_import(),
             distributed.LocalCluster(

@@ -16,7 +16,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 
 _TIMES = frozenset({"start", "time", "since"})
 """Columns that hold times of the host's clock."""
@@ -36,7 +36,7 @@ def ask(store: Store, query: str, max_s: float = SETTINGS.query_s) -> tuple[list
 
     Columns of one name are numbered.
     """
-    duckdb = need("duckdb", "fleet", "questions in SQL")
+    duckdb = import_extra("duckdb", "fleet", "questions in SQL")
     with duckdb.connect(":memory:") as database:
         for name in COLUMNS:
             file = store.tables / f"{name}.parquet"
@@ -102,8 +102,8 @@ def as_csv(names: list[str], rows: list[tuple[Any, ...]]) -> str:
 
 def as_parquet(names: list[str], rows: list[tuple[Any, ...]]) -> bytes:
     """Return the answer as a Parquet file."""
-    pa = need("pyarrow", "fleet", "tables")
-    parquet = need("pyarrow.parquet", "fleet", "tables")
+    pa = import_extra("pyarrow", "fleet", "tables")
+    parquet = import_extra("pyarrow.parquet", "fleet", "tables")
     columns = [pa.array([row[k] for row in rows]) for k in range(len(names))]
     out = io.BytesIO()
     parquet.write_table(pa.Table.from_arrays(columns, names=names), out, compression="zstd")

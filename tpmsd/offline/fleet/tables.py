@@ -19,7 +19,7 @@ import numpy as np
 
 from tpmsd.offline.fleet.joint import joint_rows
 from tpmsd.offline.fleet.store import DriveEntry, Store, write_atomic
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 
 Row = dict[str, Any]
 
@@ -144,7 +144,7 @@ def rows_of_files(store: Store) -> dict[str, list[Row]] | None:
     Results are files of their own, so their times tell; a drive whose result is missing or damaged is looked
     for again.
     """
-    parquet = need("pyarrow.parquet", "fleet", "tables")
+    parquet = import_extra("pyarrow.parquet", "fleet", "tables")
     files = {name: store.tables / f"{name}.parquet" for name in COLUMNS}
     try:
         made = min(file.stat().st_mtime_ns for file in files.values())
@@ -188,8 +188,8 @@ def write_tables(store: Store) -> dict[str, int]:
 
 def parquet_of(name: str, rows: Sequence[Row]) -> bytes:
     """Return one table as Parquet, missing values as null."""
-    pa = need("pyarrow", "fleet", "tables")
-    parquet = need("pyarrow.parquet", "fleet", "tables")
+    pa = import_extra("pyarrow", "fleet", "tables")
+    parquet = import_extra("pyarrow.parquet", "fleet", "tables")
     types = {"string": pa.string(), "double": pa.float64(), "int64": pa.int64()}
     columns = COLUMNS[name]
     arrays = [pa.array(_column_values(rows, key, kind), types[kind]) for key, kind in columns.items()]

@@ -24,7 +24,7 @@ Table = Mapping[str, Any]
 
 
 def car_tables(encoded: Encoded, given: Table) -> dict[str, Any]:
-    """Return all tables of the configuration: those that are given, and where the encoded signals are."""
+    """Return all tables of the configuration: the given ones, and the places of the encoded signals."""
     vehicle = dict(given.get("vehicle", {}))
     if encoded.counts_per_rev is not None:
         vehicle["teeth_per_rev"] = encoded.counts_per_rev
@@ -34,7 +34,7 @@ def car_tables(encoded: Encoded, given: Table) -> dict[str, Any]:
 
 
 def toml_text(tables: Table) -> str:
-    """Return plain values as TOML; ConfigError on what TOML does not have."""
+    """Return plain values as TOML; ConfigError for a value that TOML cannot hold."""
     lines: list[str] = []
     for name, table in tables.items():
         plain = {key: value for key, value in table.items() if key != "signals"}
@@ -46,8 +46,9 @@ def toml_text(tables: Table) -> str:
 
 
 def config_of(text: str, file: Path = Path("vehicle.toml")) -> Config:
-    """Return the configuration that a text holds; ConfigProblems with all that is wrong; no DBC is looked
-    for."""
+    """Return the configuration in a text, without reading a DBC; ConfigProblems with everything that is
+    wrong.
+    """
     parsed = parse(Document(file, tomllib.loads(text), locate(text)), dbc_elsewhere=True)
     if parsed.config is None:
         raise ConfigProblems(parsed.problems)

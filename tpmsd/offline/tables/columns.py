@@ -23,7 +23,7 @@ class Column:
     text: bool = False
 
 
-def _wheels(stem: str, suffix: str, unit: str, meaning: str, text: bool = False) -> tuple[Column, ...]:
+def _wheel_columns(stem: str, suffix: str, unit: str, meaning: str, text: bool = False) -> tuple[Column, ...]:
     return tuple(Column(f"{stem}_{wheel}{suffix}", unit, f"{wheel}: {meaning}", text) for wheel in WHEELS)
 
 
@@ -33,8 +33,12 @@ TIME = (
     Column("gap_s", "s", "time before this tick for which there are no ticks"),
 )
 WHEEL = (
-    *_wheels("wheel_angle", "_rad", "rad", "angle turned since the start; empty where it was not read"),
-    *_wheels("wheel_rotation_std", "_rad", "rad", "reading error of the tick's rotation by quantisation"),
+    *_wheel_columns(
+        "wheel_angle", "_rad", "rad", "angle turned since the start; empty where it was not read"
+    ),
+    *_wheel_columns(
+        "wheel_rotation_std", "_rad", "rad", "reading error of the tick's rotation by quantisation"
+    ),
 )
 INERTIAL = (
     Column("yaw_rate_radps", "rad/s", "yaw rate of the bus, positive in a left turn"),
@@ -68,12 +72,12 @@ ESTIMATE = (
     Column("gnss_age_s", "s", "time since the last fix that was used"),
     Column("informative", "1", "1 where the tick was informative driving, else 0"),
     Column("learning_fraction", "1", "share of the baseline that is learned"),
-    *_wheels("deviation", "_m", "m", "radius minus nominal"),
-    *_wheels("deviation_std", "_m", "m", "its standard deviation"),
-    *_wheels("change", "_m", "m", "radius minus the learned baseline; empty while it is learned"),
-    *_wheels("change_std", "_m", "m", "its standard deviation"),
-    *_wheels("deflation_probability", "", "1", "probability of a deflation"),
-    *_wheels("state", "", "", "unavailable, learning, monitoring or alarm", text=True),
+    *_wheel_columns("deviation", "_m", "m", "radius minus nominal"),
+    *_wheel_columns("deviation_std", "_m", "m", "its standard deviation"),
+    *_wheel_columns("change", "_m", "m", "radius minus the learned baseline; empty while it is learned"),
+    *_wheel_columns("change_std", "_m", "m", "its standard deviation"),
+    *_wheel_columns("deflation_probability", "", "1", "probability of a deflation"),
+    *_wheel_columns("state", "", "", "unavailable, learning, monitoring or alarm", text=True),
     Column("alarms", "", "alarms that stand, as kind:wheel, separated by blanks", text=True),
     Column("faults", "1", "faults of bus, receiver and clock in this tick"),
 )
@@ -95,7 +99,7 @@ BY_NAME = {column.name: column for column in (*COLUMNS, *VEHICLE_STATE)}
 
 
 def columns_of(numbers: Collection[str]) -> tuple[Column, ...]:
-    """Return the columns of a table that has these columns of numbers, in their documented order."""
+    """Return the table's columns in their documented order, given the names of its numeric columns."""
     return (*COLUMNS, *(column for column in VEHICLE_STATE if column.name in numbers))
 
 

@@ -15,7 +15,7 @@ from tpmsd.onboard.sources.drive import Sentence
 
 
 def write_folder(folder: Path, items: Sequence[CanFrame | Sentence], dbc: str, vehicle_toml: str) -> Path:
-    """Write the folder, making it if need be; TpmsdError if the disk does not take it."""
+    """Write the folder, creating it where needed; TpmsdError if the disk cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "vehicle.toml").write_text(vehicle_toml, encoding="utf-8")

@@ -47,7 +47,7 @@ class Encoded:
 
 
 def encode(signals: Signals) -> Encoded:
-    """Make the frames and sentences."""
+    """Return the signals as CAN frames and NMEA sentences, with their DBC."""
     items: list[CanFrame | Sentence] = []
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     roles: dict[str, str] = {}
@@ -80,20 +80,20 @@ def encode(signals: Signals) -> Encoded:
 
 def _counter_frames(series: SignalReadings, identifier: int, scale: float) -> Iterator[CanFrame]:
     counts = np.rint(series.value * scale).astype(np.int64) & 0xFFFFFFFF
-    for time_s, count in zip(_stamps(series), counts.tolist(), strict=True):
-        yield _frame(time_s, identifier, int(count).to_bytes(4, "little"))
+    for time_s, count in zip(_rounded_times(series), counts.tolist(), strict=True):
+        yield _can_frame(time_s, identifier, int(count).to_bytes(4, "little"))
 
 
 def _double_frames(series: SignalReadings, identifier: int) -> Iterator[CanFrame]:
-    for time_s, value in zip(_stamps(series), series.value.tolist(), strict=True):
-        yield _frame(time_s, identifier, struct.pack("<d", value))
+    for time_s, value in zip(_rounded_times(series), series.value.tolist(), strict=True):
+        yield _can_frame(time_s, identifier, struct.pack("<d", value))
 
 
-def _stamps(series: SignalReadings) -> list[float]:
+def _rounded_times(series: SignalReadings) -> list[float]:
     return [round(time_s, 6) for time_s in series.time_s.tolist()]
 
 
-def _frame(time_s: float, identifier: int, data: bytes) -> CanFrame:
+def _can_frame(time_s: float, identifier: int, data: bytes) -> CanFrame:
     return CanFrame(time_s, CHANNEL, identifier, False, False, False, False, data)
 
 
@@ -114,30 +114,30 @@ def _sentences(fixes: Fixes) -> Iterator[Sentence]:
 
 
 def utc_base_s(fixes: Fixes) -> float:
-    """Return the offset that makes the receiver's times dates that NMEA can state, s; 0 where they are."""
+    """Return the offset, s, that makes the receiver's times dates that NMEA can state; 0 where they are."""
     known = fixes.utc_s[np.isfinite(fixes.utc_s)]
     return UTC_BASE_S if known.size and float(known.min()) < FIRST_NMEA_S else 0.0
 
 
 def _sentence_bodies(fixes: Fixes, k: int, utc_s: float) -> Iterator[str]:
-    clock, date = _clock(utc_s)
+    clock, date = _nmea_clock(utc_s)
     latitude, longitude = float(fixes.latitude_deg[k]), float(fixes.longitude_deg[k])
     placed = math.isfinite(latitude + longitude)
     given = float(fixes.quality[k])
     quality = int(given) if math.isfinite(given) else int(placed or math.isfinite(float(fixes.speed_mps[k])))
-    position = f"{_angle(latitude, 2, 'NS')},{_angle(longitude, 3, 'EW')}" if placed else ",,,"
-    speed = _number(float(fixes.speed_mps[k]) / KNOT_MPS, 6)
-    course = _number(math.degrees(float(fixes.course_rad[k])) % 360.0, 6)
+    position = f"{_nmea_angle(latitude, 2, 'NS')},{_nmea_angle(longitude, 3, 'EW')}" if placed else ",,,"
+    speed = _nmea_number(float(fixes.speed_mps[k]) / KNOT_MPS, 6)
+    course = _nmea_number(math.degrees(float(fixes.course_rad[k])) % 360.0, 6)
     status, mode = ("A", _MODES.get(quality, "A")) if quality else ("V", "N")
     yield f"GNRMC,{clock},{status},{position},{speed},{course},{date},,,{mode}"
-    hdop, altitude = _number(float(fixes.hdop[k]), 3), _number(float(fixes.altitude_m[k]), 4)
+    hdop, altitude = _nmea_number(float(fixes.hdop[k]), 3), _nmea_number(float(fixes.altitude_m[k]), 4)
     yield f"GNGGA,{clock},{position},{quality if placed else 0},,{hdop},{altitude},M,0.0,M,,"
-    std = _number(float(fixes.position_std_m[k]), 4)
+    std = _nmea_number(float(fixes.position_std_m[k]), 4)
     if std:
         yield f"GNGST,{clock},{std},{std},{std},0.0,{std},{std},{std}"
 
 
-def _clock(utc_s: float) -> tuple[str, str]:
+def _nmea_clock(utc_s: float) -> tuple[str, str]:
     """Return hhmmss.ssssss and ddmmyy."""
     micros = round(utc_s * 1e6)
     day, micros = divmod(micros, 86_400_000_000)
@@ -147,12 +147,12 @@ def _clock(utc_s: float) -> tuple[str, str]:
     return f"{hms}.{micros:06d}", f"{date.day:02d}{date.month:02d}{date.year % 100:02d}"
 
 
-def _angle(degrees: float, width: int, hemispheres: str) -> str:
+def _nmea_angle(degrees: float, width: int, hemispheres: str) -> str:
     units = round(abs(degrees) * 60 * 1e8)
     whole, minutes = divmod(units, 6_000_000_000)
     hemisphere = hemispheres[0] if degrees >= 0 else hemispheres[1]
     return f"{whole:0{width}d}{minutes // 100_000_000:02d}.{minutes % 100_000_000:08d},{hemisphere}"
 
 
-def _number(value: float, digits: int) -> str:
+def _nmea_number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else ""

@@ -11,20 +11,20 @@ from typing import Any
 from tpmsd.foundation.errors import ConfigError
 
 
-def need(module: str, extra: str, what: str) -> Any:
+def import_extra(module: str, extra: str, what: str) -> Any:
     """Import a module of an extra; ConfigError with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise ConfigError(not_installed(module, extra, what)) from None
+        raise ConfigError(not_installed_message(module, extra, what)) from None
 
 
-def not_installed(module: str, extra: str, what: str) -> str:
-    """Return the line that names the extra."""
+def not_installed_message(module: str, extra: str, what: str) -> str:
+    """Return the line that says which extra to install."""
     package = module.partition(".")[0]
     return f"{what} need {package}, which is not installed: pip install 'tpmsd[{extra}]'"
 
 
-def need_pandas() -> Any:
-    """Return pandas."""
-    return need("pandas", "tables", "data frames")
+def import_pandas() -> Any:
+    """Return pandas; ConfigError with the command that installs it."""
+    return import_extra("pandas", "tables", "data frames")

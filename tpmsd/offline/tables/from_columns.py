@@ -15,7 +15,7 @@ from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.columns import BY_NAME
-from tpmsd.offline.tables.roles import ROLES, SUFFIXES, is_linear, scale_of, split_name
+from tpmsd.offline.tables.roles import ROLES, SUFFIXES, is_road_speed, scale_of, split_name
 from tpmsd.offline.tables.signals import SignalReadings
 
 TIME = "time_s"
@@ -32,16 +32,16 @@ class InMemoryTable(Protocol):
 def series_of(
     columns: InMemoryTable, what: str, radius_m: Iterable[float], prefix: str = ""
 ) -> dict[str, SignalReadings]:
-    """Return a mapping role -> series of the columns that are roles.
+    """Return a mapping role -> readings of the columns whose names are roles.
 
     `what` is the argument's name, for errors; `radius_m` (4,) divides speeds along the road; `prefix` may be
     left out in the names. Other columns of the tick table are passed over; a column that is neither is a
     ConfigError, as are columns of unequal length.
     """
-    names = _names(columns, what)
+    names = _column_names(columns, what)
     if TIME not in names:
         raise ConfigError(f"{what}: no column {TIME}; found {', '.join(names) or 'none'}")
-    time_s = _array(columns, TIME, what)
+    time_s = _column_values(columns, TIME, what)
     radii = dict(zip(WHEELS, radius_m, strict=True))
     found: dict[str, SignalReadings] = {}
     # In a table that spells the prefix out, `speed_mps` is something else.
@@ -58,17 +58,17 @@ def series_of(
         role, unit = split
         if role in found:
             raise ConfigError(f"{what}: {role} is given twice")
-        values = _array(columns, name, what)
+        values = _column_values(columns, name, what)
         if len(values) != len(time_s):
             raise ConfigError(f"{what}: {name} has {len(values)} rows, {TIME} {len(time_s)}")
         factor, offset = scale_of(role, unit)
-        if is_linear(role, unit):
+        if is_road_speed(role, unit):
             factor /= radii[role[-2:]]
         found[role] = SignalReadings(time_s, values * factor + offset)
     return found
 
 
-def _names(columns: Any, what: str) -> list[str]:
+def _column_names(columns: Any, what: str) -> list[str]:
     if hasattr(columns, "columns"):  # data frames of pandas and polars
         return [str(name) for name in columns.columns]
     if getattr(getattr(columns, "dtype", None), "names", None):
@@ -78,7 +78,8 @@ def _names(columns: Any, what: str) -> list[str]:
     raise ConfigError(f"{what}: give a dict of arrays or a data frame, not {type(columns).__name__}")
 
 
-def _array(columns: Any, name: str, what: str) -> FloatArray:
+def _column_values(columns: Any, name: str, what: str) -> FloatArray:
+    """Return a column as a one-dimensional array; ConfigError where it is none."""
     try:
         values = np.asarray(columns[name], dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -21,7 +21,7 @@ from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.map_file import ColumnMap, TableMap
 from tpmsd.offline.tables.read_table import InputTable, read_table
-from tpmsd.offline.tables.roles import TIME_UNITS, is_linear, scale_of, split_name
+from tpmsd.offline.tables.roles import TIME_UNITS, is_road_speed, scale_of, split_name
 from tpmsd.offline.tables.signals import SignalReadings
 
 TIME = "time_s"
@@ -58,17 +58,17 @@ def _signals_of(table: InputTable, path: Path, mapped: TableMap) -> FileSignals:
     if not car.get("vehicle") and mapped.config is None and table.vehicle_toml is not None:
         car = {**tomllib.loads(table.vehicle_toml), **car}
     if columns is None:
-        columns = _by_names(table, path)
+        columns = _columns_by_names(table, path)
     else:
-        _check_names(table, mapped)
-    radii = _radii(mapped, car)
+        _check_columns_exist(table, mapped)
+    radii = _nominal_radii(mapped, car)
     series: dict[str, SignalReadings] = {}
     for role, one in columns.items():
         values = table.column(one.column)
         values = np.where(np.isin(values, one.invalid), np.nan, values) if one.invalid else values
         factor, offset = scale_of(role, one.unit)
         values = factor * (one.scale * values + one.offset) + offset
-        if is_linear(role, one.unit):
+        if is_road_speed(role, one.unit):
             values = values / radii[role[-2:]]
         time_s = _column_times(table, path, mapped, one)
         if len(time_s) != len(values):
@@ -88,7 +88,7 @@ def _check_descends(table: InputTable, path: Path, role: str, series: SignalRead
         raise InputError(path, f"{role}: time does not rise at {series.time_s[row]:.6f} s", table.line(row))
 
 
-def _by_names(table: InputTable, path: Path) -> dict[str, ColumnMap]:
+def _columns_by_names(table: InputTable, path: Path) -> dict[str, ColumnMap]:
     """Return columns whose names are a role with its unit, as in the tick table."""
     found = {}
     for name in table.names:
@@ -102,14 +102,16 @@ def _by_names(table: InputTable, path: Path) -> dict[str, ColumnMap]:
     return found
 
 
-def _check_names(table: InputTable, mapped: TableMap) -> None:
+def _check_columns_exist(table: InputTable, mapped: TableMap) -> None:
     problems = _missing_columns(table, mapped)
     if problems:
         raise ConfigProblems(problems)
 
 
 def missing_columns(path: Path, mapped: TableMap) -> list[Problem]:
-    """Columns that a map names and the table lacks; empty where the table itself cannot be read."""
+    """Return the columns that a map names and the table lacks, as problems; empty where the table cannot be
+    read.
+    """
     try:
         with closing(read_table(path, ())) as table:
             return _missing_columns(table, mapped)
@@ -136,6 +138,9 @@ def _missing_columns(table: InputTable, mapped: TableMap) -> list[Problem]:
 
 
 def _column_times(table: InputTable, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
+    """Return the times of a column's readings, s: by its own column of times, the signal's own, or the
+    table's.
+    """
     if one.time is not None:
         return table.column(one.time) * TIME_UNITS[one.time_unit]
     own = table.own_time(one.column)
@@ -148,17 +153,18 @@ def _column_times(table: InputTable, path: Path, mapped: TableMap, one: ColumnMa
     return table.column(TIME)
 
 
-def _radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]:
-    """Return nominal radii, by which road speeds are divided; what is wrong with them is told with the
-    car."""
+def _nominal_radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Return the nominal radii, m, by which road speeds are divided; typical ones for invalid ones, which are
+    reported with the car.
+    """
     if mapped.config is not None:
         return dict(zip(WHEELS, mapped.config.vehicle.wheel_radius_m, strict=True))
     radius = car.get("vehicle", {}).get("wheel_radius_m", _TYPICAL_RADIUS_M)
     each = radius if isinstance(radius, dict) else dict.fromkeys(WHEELS, radius)
-    return {wheel: _radius(each.get(wheel)) for wheel in WHEELS}
+    return {wheel: _radius_or_typical(each.get(wheel)) for wheel in WHEELS}
 
 
-def _radius(value: object) -> float:
+def _radius_or_typical(value: object) -> float:
     try:
         return RADIUS.read(value)
     except BadValueError:

@@ -44,11 +44,11 @@ def split_empty(series: Mapping[str, SignalReadings]) -> tuple[dict[str, SignalR
 
 
 def signals_from(series: Mapping[str, SignalReadings], modulus: Mapping[str, int] | None = None) -> Signals:
-    """Return the signals of the series; `modulus`: the number at which a wheel's count begins again, by role.
+    """Return the signals of the series; `modulus`: the number of values of a wheel's count, by role.
 
     ConfigError where wheels are missing, or given in two ways.
     """
-    kind, wheels = _wheels_of(series)
+    kind, wheels = _wheel_readings(series)
     for wheel, one in wheels.items():
         _check_times(one, f"wheel {wheel}")
     angles: dict[str, SignalReadings] = {}
@@ -56,24 +56,26 @@ def signals_from(series: Mapping[str, SignalReadings], modulus: Mapping[str, int
     if kind == "angles":
         angles = wheels
     elif kind == "speeds":
-        angles = {wheel: _integrated(one) for wheel, one in wheels.items()}
+        angles = {wheel: _integrate(one) for wheel, one in wheels.items()}
     else:
         moduli = modulus or {}
-        counts = {wheel: _unwrapped(one, moduli.get(f"wheel_count_{wheel}")) for wheel, one in wheels.items()}
+        counts = {
+            wheel: _unwrap_counts(one, moduli.get(f"wheel_count_{wheel}")) for wheel, one in wheels.items()
+        }
     inertial = {role: series[role] for role in OPTIONAL_ROLES if role in series}
     for role, one in inertial.items():
         _check_times(one, role)
-    return Signals(angles, counts, _counts_per_revolution(series), inertial, _fixes(series))
+    return Signals(angles, counts, _counts_per_revolution(series), inertial, _fixes_of(series))
 
 
-def _wheels_of(series: Mapping[str, SignalReadings]) -> tuple[str, dict[str, SignalReadings]]:
+def _wheel_readings(series: Mapping[str, SignalReadings]) -> tuple[str, dict[str, SignalReadings]]:
     """Return how wheels are given (angles, speeds, counts) and their readings; ConfigError where they are
     given in no way or in two, or one of a pair is missing.
     """
     kinds = {
-        "angles": {wheel: series[role] for wheel, role in _present(ANGLE_ROLES, series)},
-        "speeds": {wheel: series[role] for wheel, role in _present(SPEED_ROLES, series)},
-        "counts": {wheel: series[role] for wheel, role in _present(COUNT_ROLES, series)},
+        "angles": {wheel: series[role] for wheel, role in _present_roles(ANGLE_ROLES, series)},
+        "speeds": {wheel: series[role] for wheel, role in _present_roles(SPEED_ROLES, series)},
+        "counts": {wheel: series[role] for wheel, role in _present_roles(COUNT_ROLES, series)},
     }
     found = [kind for kind, wheels in kinds.items() if wheels]
     if not found:
@@ -97,11 +99,13 @@ def _counts_per_revolution(series: Mapping[str, SignalReadings]) -> float | None
     return None if std < FINEST_RAD else round(2.0 * np.pi / (std * np.sqrt(6.0)), 6)
 
 
-def _present(roles: tuple[str, ...], series: Mapping[str, SignalReadings]) -> list[tuple[str, str]]:
+def _present_roles(roles: tuple[str, ...], series: Mapping[str, SignalReadings]) -> list[tuple[str, str]]:
+    """Return (wheel, role) of the roles that have readings."""
     return [(wheel, role) for wheel, role in zip(WHEELS, roles, strict=True) if role in series]
 
 
 def _check_times(series: SignalReadings, name: str) -> None:
+    """Raise TableError for fewer than two readings or times that do not rise."""
     times = series.finite().time_s
     if len(times) < 2:
         raise TableError(f"{name}: fewer than two readings")
@@ -110,13 +114,13 @@ def _check_times(series: SignalReadings, name: str) -> None:
         raise TableError(f"{name}: time does not rise at {times[at + 1]:.6f} s")
 
 
-def _integrated(series: SignalReadings) -> SignalReadings:
+def _integrate(series: SignalReadings) -> SignalReadings:
     known = series.finite()
     steps = np.diff(known.time_s) * 0.5 * (known.value[1:] + known.value[:-1])
     return SignalReadings(known.time_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _unwrapped(series: SignalReadings, modulus: int | None) -> SignalReadings:
+def _unwrap_counts(series: SignalReadings, modulus: int | None) -> SignalReadings:
     if modulus is None:
         return series
     known = series.finite()
@@ -125,8 +129,10 @@ def _unwrapped(series: SignalReadings, modulus: int | None) -> SignalReadings:
     return SignalReadings(known.time_s, known.value[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _fixes(series: Mapping[str, SignalReadings]) -> Fixes | None:
-    """Return the fixes: rows in which the receiver told a position or a speed."""
+def _fixes_of(series: Mapping[str, SignalReadings]) -> Fixes | None:
+    """Return the fixes: rows in which the receiver stated a position or a speed; None without columns of a
+    receiver.
+    """
     receiver = {role: one for role, one in series.items() if role.startswith("gnss_")}
     anchor = next((receiver[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in receiver), None)
     if anchor is None:
@@ -140,13 +146,13 @@ def _fixes(series: Mapping[str, SignalReadings]) -> Fixes | None:
             raise ConfigError(f"{one} and {other} go together")
     known = np.isfinite(anchor.value) & np.isfinite(anchor.time_s)
     time_s = anchor.time_s[known]
-    columns = {role: _at(one, time_s) for role, one in receiver.items()}
+    columns = {role: _values_at_fixes(one, time_s) for role, one in receiver.items()}
     nothing = np.full(len(time_s), np.nan)
     latitude, longitude = columns.get("gnss_latitude", nothing), columns.get("gnss_longitude", nothing)
     course = columns.get("gnss_course", nothing)
     turned = np.zeros(len(time_s))
     if "gnss_east" in columns:
-        latitude, longitude, turned = on_earth(
+        latitude, longitude, turned = geodetic_from_plane(
             columns["gnss_east"], columns["gnss_north"], columns.get("gnss_altitude", nothing)
         )
     if "gnss_heading" in columns:
@@ -164,19 +170,21 @@ def _fixes(series: Mapping[str, SignalReadings]) -> Fixes | None:
     return Fixes(*(np.asarray(column[order], dtype=np.float64) for column in table))
 
 
-def _at(series: SignalReadings, time_s: FloatArray) -> FloatArray:
-    """Return values at the fixes' times: the reading of that very time, else the last before it."""
+def _values_at_fixes(series: SignalReadings, time_s: FloatArray) -> FloatArray:
+    """Return the (n,) values at the fixes' times: the reading of that very time, else the last before it; NaN
+    before the first.
+    """
     if len(series.time_s) == len(time_s) and np.array_equal(series.time_s, time_s):
         return series.value
     at = np.searchsorted(series.time_s, time_s, side="right") - 1
     return np.where(at >= 0, series.value[np.maximum(at, 0)], np.nan)
 
 
-def on_earth(
+def geodetic_from_plane(
     east_m: FloatArray, north_m: FloatArray, height_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (n,) latitude and longitude (deg) of a path in a plane, and what true east turned against it
-    (rad).
+    """Return the (n,) latitude and longitude (deg) of a path in a plane, and the rotation (rad) of true east
+    against its east axis.
 
     The plane rolls over the ellipsoid with the car: a straight line becomes a geodesic, along which true
     north turns by -d_east * tan(latitude) / N. Fixed-point iteration, five digits per round below 100 km.

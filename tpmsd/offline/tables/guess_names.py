@@ -31,22 +31,22 @@ _FRONT, _REAR = {"front", "f", "v", "vorn", "vorne"}, {"rear", "r", "h", "hinten
 _LEFT, _RIGHT = {"left", "l", "links"}, {"right", "r", "rechts"}
 
 
-def _words(text: str) -> frozenset[str]:
-    """Return the words of a list that is easier to read as a text."""
+def _word_set(text: str) -> frozenset[str]:
+    """Return the set of the words in a text."""
     return frozenset(text.split())
 
 
-_WHEEL_WORDS = _words(
+_WHEEL_WORDS = _word_set(
     "wheel wheels whl wss abs speed spd v vel velocity omega w rpm count counts cnt pulse pulses tick ticks "
     "edge edges encoder enc angle ang rotation rad kmh kph"
 )
-_NO_WHEEL_MOTION = _words(
+_NO_WHEEL_MOTION = _word_set(
     "pressure press druck temp temperature torque brake slip height suspension damper load force status "
     "valid std sigma state error radius deviation change steering steer"
 )
-_RECEIVER = _words("gps gnss rtk ins receiver novatel ublox sat nmea")
+_RECEIVER = _word_set("gps gnss rtk ins receiver novatel ublox sat nmea")
 _EXACT: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = tuple(
-    (role, _words(some), _words(none))
+    (role, _word_set(some), _word_set(none))
     for role, some, none in (
         ("gnss_latitude", "latitude lat breite", "acc accel acceleration ay std"),
         ("gnss_longitude", "longitude lon lng laenge", "acc accel acceleration ax std"),
@@ -71,7 +71,7 @@ _EXACT: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = tuple(
 )
 """Role, words of which one is enough, words that speak against it."""
 _PAIRS: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = tuple(
-    (role, _words(one), _words(other))
+    (role, _word_set(one), _word_set(other))
     for role, one, other in (
         ("yaw_rate", "yaw psi", "rate dot vel velocity speed"),
         ("yaw_rate", "gyro angular omega", "z yaw"),
@@ -97,8 +97,10 @@ class ParsedName:
     """Unit that the name has: `km/h` of `v [km/h]` and of `v_kmh`."""
 
 
-def spelled(name: str) -> ParsedName:
-    """Words of a name in lower case, and the unit in brackets or as its last part; None where it has none."""
+def parse_name(name: str) -> ParsedName:
+    """Return the words of a name in lower case, and the unit in brackets or as its last part; None where it
+    has none.
+    """
     unit = None
     bracket = _UNIT.search(name)
     if bracket is not None and _known_unit(bracket[1]) is not None:
@@ -114,11 +116,14 @@ def spelled(name: str) -> ParsedName:
 
 
 def _known_unit(text: str) -> str | None:
+    """Return the canonical name of a unit; None for an unknown one."""
     return text if text in (*TIME_UNITS, "kn") else canonical_unit(text)
 
 
 def time_weight(one: ParsedName) -> int:
-    """Return how well a name fits a table's time: 3 the word alone, 2 the word among others, 0 not at all."""
+    """Return how well a name fits a table's time: 3 if it is the word alone, 2 if the word is among others, 0
+    if not at all.
+    """
     times = {"time", "t", "timestamp", "timestamps", "zeit", "ts", "stamp"}
     if not times & set(one.words):
         return 0
@@ -126,9 +131,11 @@ def time_weight(one: ParsedName) -> int:
 
 
 def roles_by_name(names: Sequence[str]) -> dict[str, list[tuple[str, float]]]:
-    """Roles that a name fits, the best first, with a weight from 0 to 1; a wheel's is `wheel_fl` etc."""
-    taken = {name: spelled(name) for name in names}
-    numbered = _numbered(names)
+    """Return, by column, the roles that its name fits, the best first, with a weight from 0 to 1; a wheel's
+    is `wheel_fl` etc.
+    """
+    taken = {name: parse_name(name) for name in names}
+    numbered = _wheels_by_number(names)
     found: dict[str, list[tuple[str, float]]] = {}
     for name, one in taken.items():
         words = set(one.words)
@@ -142,14 +149,14 @@ def roles_by_name(names: Sequence[str]) -> dict[str, list[tuple[str, float]]]:
             for role, first, second in _PAIRS
             if words & first and words & second and role not in dict(said)
         ]
-        wheel = numbered.get(name) or _wheel(one)
+        wheel = numbered.get(name) or _wheel_of_name(one)
         if wheel is not None and not words & _RECEIVER:
             said.append((f"{WHEEL}_{wheel}", 0.85))
         found[name] = sorted(said, key=lambda entry: -entry[1])
     return found
 
 
-def _wheel(one: ParsedName) -> str | None:
+def _wheel_of_name(one: ParsedName) -> str | None:
     """Return the wheel that a name states by letters or words; None if it states none."""
     words = list(one.words)
     if set(words) & _NO_WHEEL_MOTION:
@@ -160,11 +167,13 @@ def _wheel(one: ParsedName) -> str | None:
             of_wheel = (len(words) == 1 and word == wheel) or _WHEEL_WORDS & (set(words) - {word})
             if any(stem in _WHEEL_WORDS or (not stem and of_wheel) for stem in stems):
                 return wheel
-    return _by_words(words)
+    return _wheel_of_words(words)
 
 
-def _by_words(words: Sequence[str]) -> str | None:
-    """Return the wheel of two neighbouring words, such as `front left` or `links vorn`."""
+def _wheel_of_words(words: Sequence[str]) -> str | None:
+    """Return the wheel of two neighbouring words, such as `front left` or `links vorn`; None if there are
+    none.
+    """
     for pair in itertools.pairwise(words):
         for front, side in (pair, pair[::-1]) if max(map(len, pair)) > 1 else ():
             axle = "f" if front in _FRONT else "r" if front in _REAR else ""
@@ -174,12 +183,14 @@ def _by_words(words: Sequence[str]) -> str | None:
     return None
 
 
-def _numbered(names: Sequence[str]) -> dict[str, str]:
-    """Columns that differ by a number alone, four of them: front left, front right, rear left, rear right."""
+def _wheels_by_number(names: Sequence[str]) -> dict[str, str]:
+    """Return the wheels of four columns that differ by a number alone: front left, front right, rear left,
+    rear right.
+    """
     groups: dict[str, list[tuple[int, str]]] = defaultdict(list)
     for name in names:
         number = re.search(r"\[?(\d)\]?(?=\D*$)", name)
-        if number is not None and _WHEEL_WORDS & set(spelled(name[: number.start()]).words):
+        if number is not None and _WHEEL_WORDS & set(parse_name(name[: number.start()]).words):
             groups[name[: number.start()] + "#" + name[number.end() :]].append((int(number[1]), name))
     found = {}
     for group in groups.values():

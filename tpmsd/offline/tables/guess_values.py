@@ -37,8 +37,10 @@ class GroundMotion:
     course_rad: FloatArray
     """Clockwise from north, unwrapped; NaN where the car is slow."""
 
-    def rate(self) -> tuple[FloatArray, FloatArray]:
-        """Times (s) and yaw rate (rad/s, counter-clockwise) between fixes in which the course is known."""
+    def yaw_rate(self) -> tuple[FloatArray, FloatArray]:
+        """Return times (s) and yaw rate (rad/s, counter-clockwise) between fixes in which the course is
+        known.
+        """
         rate = -np.diff(self.course_rad) / np.diff(self.time_s)
         known = np.isfinite(rate) & (np.abs(rate) < 1.0)
         return 0.5 * (self.time_s[1:] + self.time_s[:-1])[known], rate[known]
@@ -80,8 +82,10 @@ def motion_of(
     return GroundMotion(0.5 * (times[1:] + times[:-1]), np.where(step < 5.0, speed, np.nan), full)
 
 
-def plane(latitude_deg: FloatArray, longitude_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """East and north (m) of the first position, on the ellipsoid's tangent; good to 1e-4 within 50 km."""
+def to_plane(latitude_deg: FloatArray, longitude_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return east and north (m) of the smallest longitude and latitude, on the ellipsoid's tangent; good to
+    1e-4 within 50 km.
+    """
     lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
     at = float(np.nanmedian(lat))
     w2 = 1.0 - WGS84_E2 * np.sin(at) ** 2
@@ -90,7 +94,7 @@ def plane(latitude_deg: FloatArray, longitude_deg: FloatArray) -> tuple[FloatArr
 
 
 def kind_of_wheel(values: FloatArray) -> str:
-    """`count`, `angle` or `speed`: counts are whole and rise, angles rise, speeds do neither."""
+    """Return `count`, `angle` or `speed`: counts are whole and rise, angles rise, speeds do neither."""
     known = values[np.isfinite(values)]
     steps = np.diff(known)
     moving = steps[steps != 0.0]
@@ -104,7 +108,7 @@ def kind_of_wheel(values: FloatArray) -> str:
 
 
 def modulus_of(values: FloatArray) -> int | None:
-    """At which number a count begins again; None where it never does.
+    """Return the number of values of a count that rolls over; None where it never does.
 
     The power of two above the largest count where that is within the largest step; else the smallest number
     that makes each step over the end as large as the steps around it.
@@ -124,7 +128,9 @@ def modulus_of(values: FloatArray) -> int | None:
 
 
 def rate_of(time_s: FloatArray, values: FloatArray, modulus: int | None = None) -> FloatArray:
-    """(n,) derivative of what rises, per second, its rollovers taken out; NaN where it is not known."""
+    """Return the (n,) derivative of rising values, per second, their roll-overs taken out; NaN where it is
+    not known.
+    """
     known = np.isfinite(values) & np.isfinite(time_s)
     held = values[known]
     if modulus:
@@ -135,8 +141,10 @@ def rate_of(time_s: FloatArray, values: FloatArray, modulus: int | None = None) 
     return rate
 
 
-def ratio(time_s: FloatArray, values: FloatArray, motion: GroundMotion) -> float | None:
-    """Units of a speed per m/s of the receiver while the car moves; None if both know too little of that."""
+def units_per_mps(time_s: FloatArray, values: FloatArray, motion: GroundMotion) -> float | None:
+    """Return units of a speed per m/s of the receiver while the car moves; None with too few readings or
+    fixes.
+    """
     known = np.isfinite(values) & np.isfinite(time_s)
     moving = np.isfinite(motion.speed_mps) & (motion.speed_mps > MIN_MOVING_MPS)
     if known.sum() < 10 or moving.sum() < 10:
@@ -154,8 +162,10 @@ def road_unit(per_mps: float) -> str | None:
     return near if abs(per_mps / _ROAD[near] - 1.0) < UNIT_TOLERANCE else None
 
 
-def turning_unit(per_mps: float) -> tuple[str, float] | None:
-    """Unit and rolling radius (m) of a wheel's rotation by its ratio to m/s; None if no radius is a car's."""
+def rotation_unit(per_mps: float) -> tuple[str, float] | None:
+    """Return unit and rolling radius (m) of a wheel's rotation by its ratio to m/s; None if no radius is a
+    car's.
+    """
     for unit, factor in _TURNING.items():
         radius = factor / per_mps
         if RADII_M[0] <= radius <= RADII_M[1]:
@@ -163,10 +173,12 @@ def turning_unit(per_mps: float) -> tuple[str, float] | None:
     return None
 
 
-def slope(
+def slope_and_correlation(
     time_s: FloatArray, values: FloatArray, at_s: FloatArray, wanted: FloatArray
 ) -> tuple[float, float]:
-    """Least-squares slope of `values` on `wanted` at times `at_s`, and their correlation; 0 if unknown."""
+    """Return the least-squares slope of `values` on `wanted` at times `at_s`, and their correlation; both 0
+    if unknown.
+    """
     known = np.isfinite(values) & np.isfinite(time_s)
     if known.sum() < 10 or len(at_s) < 10:
         return 0.0, 0.0
@@ -180,7 +192,7 @@ def slope(
 
 
 def yaw_unit(slope_of_rate: float) -> tuple[str, float] | None:
-    """Unit and sign of a yaw rate by its slope on the course's rate; None where neither unit is near."""
+    """Return unit and sign of a yaw rate by its slope on the course's rate; None where neither unit fits."""
     for unit in ("rad/s", "deg/s"):
         size = abs(slope_of_rate) / _TURNING[unit]
         if 0.6 < size < 1.5:

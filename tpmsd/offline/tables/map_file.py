@@ -70,7 +70,7 @@ class TableMap:
 
 
 def load_map(path: Path) -> TableMap:
-    """Read and check a map; ConfigProblems with everything that is wrong."""
+    """Return the map in a file; ConfigProblems with everything that is wrong."""
     found, problems = read_map(path)
     if problems:
         raise ConfigProblems(problems)
@@ -78,7 +78,9 @@ def load_map(path: Path) -> TableMap:
 
 
 def read_map(path: Path) -> tuple[TableMap, list[Problem]]:
-    """Read a map, and everything that is wrong with it by its lines; ConfigProblems where it is no TOML."""
+    """Return the map in a file, and everything that is wrong with it by its lines; ConfigProblems where it is
+    no TOML.
+    """
     return _Reader(read_document(path)).read()
 
 
@@ -89,6 +91,7 @@ class _Reader:
         self._named: list[tuple[str, str, int | None]] = []
 
     def read(self) -> tuple[TableMap, list[Problem]]:
+        """Return the map, and the problems that were found."""
         data = self._document.data
         cars = {name for name in config_tables(Path()) if "." not in name} - {
             "can",
@@ -105,8 +108,8 @@ class _Reader:
         config = self._read_vehicle(data.get("vehicle"))
         car = {name: dict(data[name]) for name in cars if isinstance(data.get(name), dict)}
         table = self._checked_table(data.get("table", {}), "table", _TABLE_KEYS)
-        time = self._text(table.get("time"), "table", "time")
-        unit = self._time_unit(table.get("time_unit", "s"), "table", "time_unit")
+        time = self._checked_text(table.get("time"), "table", "time")
+        unit = self._checked_time_unit(table.get("time_unit", "s"), "table", "time_unit")
         columns = self._checked_columns(data["columns"]) if "columns" in data else None
         line = self._document.line("table", "time")
         named = tuple(self._named)
@@ -124,10 +127,10 @@ class _Reader:
         return None
 
     def _checked_columns(self, given: object) -> dict[str, ColumnMap]:
-        """Return [columns] by role, its faults reported."""
+        """Return the table [columns] by role; its errors are reported."""
         found: dict[str, ColumnMap] = {}
         for role, value in self._checked_table(given, "columns", ()).items():
-            self._note_names(role, value)
+            self._note_column_names(role, value)
             if role not in ROLES:
                 near = nearest(role, ROLES)
                 allowed = None if near else " ".join(ROLES)
@@ -143,8 +146,8 @@ class _Reader:
                 found[role] = made
         return found
 
-    def _note_names(self, role: str, value: object) -> None:
-        """Keep the columns that an entry names, for the table may lack them."""
+    def _note_column_names(self, role: str, value: object) -> None:
+        """Record the columns that an entry names, for the table may lack them."""
         line = self._document.line("columns", role)
         entry = value if isinstance(value, dict) else {"column": value}
         for key, shown in (("column", role), ("time", f"{role}.time")):
@@ -156,17 +159,17 @@ class _Reader:
         before = len(self._problems)
         self._checked_table(entry, f"columns.{role}", _COLUMN_KEYS, ("columns", role))
         where = ("columns", role)
-        column = self._text(entry.get("column"), *where, "column")
+        column = self._checked_text(entry.get("column"), *where, "column")
         if column is None:
             self._report(BadValueError("no column"), *where)
-        unit = self._text(entry.get("unit"), *where, "unit")
+        unit = self._checked_text(entry.get("unit"), *where, "unit")
         try:
             scale_of(role, unit)
         except ConfigError as error:
             self._report(BadValueError(str(error)), *where, "unit")
         numbers = {}
         for key, usual in (("scale", 1.0), ("offset", 0.0)):
-            numbers[key] = self._number(entry.get(key, usual), *where, key)
+            numbers[key] = self._checked_number(entry.get(key, usual), *where, key)
         if numbers["scale"] == 0.0:
             self._report(BadValueError("is zero"), *where, "scale")
         modulus = entry.get("modulus")
@@ -183,9 +186,9 @@ class _Reader:
                 BadValueError("not a list", show(invalid), "numbers such as [-999]"), *where, "invalid"
             )
             invalid = []
-        bits = tuple(self._number(one, *where, "invalid") for one in invalid)
-        time = self._text(entry.get("time"), *where, "time")
-        time_unit = self._time_unit(entry.get("time_unit", "s"), *where, "time_unit")
+        bits = tuple(self._checked_number(one, *where, "invalid") for one in invalid)
+        time = self._checked_text(entry.get("time"), *where, "time")
+        time_unit = self._checked_time_unit(entry.get("time_unit", "s"), *where, "time_unit")
         if len(self._problems) > before or column is None:
             return None
         line = self._document.line(*where)
@@ -209,19 +212,19 @@ class _Reader:
                 )
         return given
 
-    def _text(self, value: object, *where: str) -> str | None:
+    def _checked_text(self, value: object, *where: str) -> str | None:
         if value is None or (isinstance(value, str) and value.strip()):
             return value
         self._report(BadValueError("not a text", show(value), "a text in quotes"), *where)
         return None
 
-    def _number(self, value: object, *where: str) -> float:
+    def _checked_number(self, value: object, *where: str) -> float:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
         self._report(BadValueError("not a number", show(value)), *where)
         return 1.0
 
-    def _time_unit(self, value: object, *where: str) -> str:
+    def _checked_time_unit(self, value: object, *where: str) -> str:
         if isinstance(value, str) and value in TIME_UNITS:
             return value
         self._report(BadValueError("no unit of time", show(value), " ".join(TIME_UNITS)), *where)

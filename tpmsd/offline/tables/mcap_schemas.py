@@ -14,70 +14,70 @@ from tpmsd.offline.tables.columns import VEHICLE_STATE
 Schema = dict[str, Any]
 
 
-def _object(title: str, properties: dict[str, Schema]) -> Schema:
+def _object_schema(title: str, properties: dict[str, Schema]) -> Schema:
     return {"title": title, "type": "object", "properties": properties}
 
 
-def _number(meaning: str) -> Schema:
+def _number_schema(meaning: str) -> Schema:
     return {"type": "number", "description": meaning}
 
 
-_TIME = _object("time", {"sec": {"type": "integer"}, "nsec": {"type": "integer"}})
-WHEEL = _object(
+_TIME = _object_schema("time", {"sec": {"type": "integer"}, "nsec": {"type": "integer"}})
+WHEEL = _object_schema(
     "tpmsd.Wheel",
     {
         "timestamp": _TIME,
-        "deviation_mm": _number("radius minus nominal"),
-        "lower_mm": _number("the same minus two standard deviations"),
-        "upper_mm": _number("the same plus two standard deviations"),
-        "change_mm": _number("radius minus the learned baseline; absent while it is learned"),
-        "change_lower_mm": _number("the same minus two standard deviations"),
-        "change_upper_mm": _number("the same plus two standard deviations"),
-        "deflation_probability": _number("probability of a deflation"),
-        "alarm": _number("1 while an alarm of this wheel is active"),
+        "deviation_mm": _number_schema("radius minus nominal"),
+        "lower_mm": _number_schema("the same minus two standard deviations"),
+        "upper_mm": _number_schema("the same plus two standard deviations"),
+        "change_mm": _number_schema("radius minus the learned baseline; absent while it is learned"),
+        "change_lower_mm": _number_schema("the same minus two standard deviations"),
+        "change_upper_mm": _number_schema("the same plus two standard deviations"),
+        "deflation_probability": _number_schema("probability of a deflation"),
+        "alarm": _number_schema("1 while an alarm of this wheel is active"),
         "state": {"type": "string", "enum": ["unavailable", "learning", "monitoring", "alarm"]},
     },
 )
-MOTION = _object(
+MOTION = _object_schema(
     "tpmsd.Motion",
     {
         "timestamp": _TIME,
-        "speed_mps": _number("estimated speed"),
-        "yaw_rate_radps": _number("estimated yaw rate"),
-        "east_m": _number("estimated position in the plane of the first fix"),
-        "north_m": _number("estimated position in the plane of the first fix"),
-        "heading_rad": _number("estimated heading, counter-clockwise from east"),
-        "gnss_age_s": _number("time since the last fix that was used"),
-        "learning_fraction": _number("share of the baseline that is learned"),
-        "faults": _number("faults of bus, receiver and clock in this tick"),
+        "speed_mps": _number_schema("estimated speed"),
+        "yaw_rate_radps": _number_schema("estimated yaw rate"),
+        "east_m": _number_schema("estimated position in the plane of the first fix"),
+        "north_m": _number_schema("estimated position in the plane of the first fix"),
+        "heading_rad": _number_schema("estimated heading, counter-clockwise from east"),
+        "gnss_age_s": _number_schema("time since the last fix that was used"),
+        "learning_fraction": _number_schema("share of the baseline that is learned"),
+        "faults": _number_schema("faults of bus, receiver and clock in this tick"),
     },
 )
-INPUT = _object(
+INPUT = _object_schema(
     "tpmsd.Input",
     {
         "timestamp": _TIME,
-        **{f"rotation_{wheel}_radps": _number("rotation of the wheel") for wheel in WHEELS},
-        "yaw_rate_radps": _number("yaw rate of the bus"),
-        "accel_long_mps2": _number("longitudinal specific force"),
-        "accel_lat_mps2": _number("lateral specific force"),
-        "steering_wheel_angle_rad": _number("steering wheel angle"),
-        "brake_pressure_pa": _number("brake pressure"),
-        "drive_torque_nm": _number("drive torque"),
-        "ambient_temp_k": _number("ambient temperature"),
+        **{f"rotation_{wheel}_radps": _number_schema("rotation of the wheel") for wheel in WHEELS},
+        "yaw_rate_radps": _number_schema("yaw rate of the bus"),
+        "accel_long_mps2": _number_schema("longitudinal specific force"),
+        "accel_lat_mps2": _number_schema("lateral specific force"),
+        "steering_wheel_angle_rad": _number_schema("steering wheel angle"),
+        "brake_pressure_pa": _number_schema("brake pressure"),
+        "drive_torque_nm": _number_schema("drive torque"),
+        "ambient_temp_k": _number_schema("ambient temperature"),
     },
 )
-STATE = _object(
+STATE = _object_schema(
     "tpmsd.VehicleState",
-    {"timestamp": _TIME, **{column.name: _number(column.meaning) for column in VEHICLE_STATE}},
+    {"timestamp": _TIME, **{column.name: _number_schema(column.meaning) for column in VEHICLE_STATE}},
 )
-LOCATION_FIX = _object(
+LOCATION_FIX = _object_schema(
     "foxglove.LocationFix",
     {
         "timestamp": _TIME,
         "frame_id": {"type": "string"},
-        "latitude": _number("degrees"),
-        "longitude": _number("degrees"),
-        "altitude": _number("metres"),
+        "latitude": _number_schema("degrees"),
+        "longitude": _number_schema("degrees"),
+        "altitude": _number_schema("metres"),
         "position_covariance": {
             "type": "array",
             "items": {"type": "number"},
@@ -96,7 +96,7 @@ LOCATION_FIX = _object(
         },
     },
 )
-LOG = _object(
+LOG = _object_schema(
     "foxglove.Log",
     {
         "timestamp": _TIME,
@@ -117,7 +117,7 @@ LOG = _object(
         "line": {"type": "integer"},
     },
 )
-GEO_JSON = _object("foxglove.GeoJSON", {"geojson": {"type": "string"}})
+GEO_JSON = _object_schema("foxglove.GeoJSON", {"geojson": {"type": "string"}})
 
 INFO, ERROR = 2, 4
 DIAGONAL_KNOWN = 2

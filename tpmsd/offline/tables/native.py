@@ -20,7 +20,7 @@ from tpmsd.foundation.child_reader import ChildReader, ChildReadError, Send, ins
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.startup import bring_in_mf4
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.tables.extras import not_installed
+from tpmsd.offline.tables.extras import not_installed_message
 from tpmsd.offline.tables.write import SCHEMA, SCHEMA_KEY, VEHICLE_KEY
 from tpmsd.onboard.sources.can.packed_bounds import check_mf4
 
@@ -47,7 +47,7 @@ class NativeTable:
         kind = _KIND.get(path.suffix.lower(), path.suffix.lower())
         module, extra, what = _PACKAGES[kind]
         if not installed(module):
-            raise ConfigError(not_installed(module, extra, what))
+            raise ConfigError(not_installed_message(module, extra, what))
         self.path = path
         self._left = MAX_VALUES
         self._has_times = kind == ".mf4"
@@ -55,7 +55,7 @@ class NativeTable:
         self._child = ChildReader(f"{__name__}:serve_table", path)
         try:
             self._child.ask(kind)
-            opened = json.loads(self._received())
+            opened = json.loads(self._receive())
         except InputError as error:
             self.close()
             raise InputError(path, f"{_NOT[kind]}: {error.reason}") from None
@@ -67,29 +67,30 @@ class NativeTable:
         return self._child_array("column", name)
 
     def own_time(self, name: str) -> FloatArray | None:
-        """Return seconds at which a signal was read, where it brings its own times."""
+        """Return the (n,) seconds at which a signal was read; None where it has no times of its own."""
         return self._child_array("time", name) if self._has_times else None
 
     def line(self, row: int) -> int | None:
-        """Return None: the file is no text."""
+        """Return None: the file has no lines."""
         return None
 
     def close(self) -> None:
-        """End the child."""
+        """End the child process."""
         self._child.close()
 
     def _child_array(self, what: str, name: str) -> FloatArray:
+        """Return a column, or a signal's own times, from the child; cached."""
         if (what, name) not in self._cached:
             try:
                 self._child.ask(json.dumps([what, name, self._left]))
             except ChildReadError as error:
                 raise InputError(self.path, str(error)) from None
-            values = np.frombuffer(self._received(), dtype=np.float64)
+            values = np.frombuffer(self._receive(), dtype=np.float64)
             self._left -= len(values)
             self._cached[what, name] = values
         return self._cached[what, name]
 
-    def _received(self) -> bytes:
+    def _receive(self) -> bytes:
         try:
             return self._child.receive() or b""
         except ChildReadError as error:
@@ -103,15 +104,15 @@ class _NativeTable(Protocol):
     vehicle_toml: str | None
 
     def size(self, name: str) -> int:
-        """Return values of a column, before it is read; ValueError where it cannot be one."""
+        """Return the number of values of a column, before it is read; ValueError where it cannot be one."""
         ...
 
     def column(self, name: str) -> Any:
-        """Return the values."""
+        """Return the values of a column."""
         ...
 
     def own_time(self, name: str) -> Any:
-        """Return the signal's own times, or none."""
+        """Return the signal's own times; None where it has none."""
         ...
 
 
@@ -127,7 +128,7 @@ def serve_table(path: Path, requests: Iterator[str], send: Send) -> None:
         if size > left:
             raise ValueError(f"{name}: {size} values; of a table at most {MAX_VALUES} are read")
         values = table.column(name) if what == "column" else table.own_time(name)
-        send(_floats(values, name).tobytes())
+        send(_as_floats(values, name).tobytes())
 
 
 class _Parquet:
@@ -144,7 +145,9 @@ class _Parquet:
         self.vehicle_toml = metadata[VEHICLE_KEY].decode() if ours and VEHICLE_KEY in metadata else None
 
     def size(self, name: str) -> int:
-        """Return rows by the file's footer; a page may hold others, which the child's memory bounds."""
+        """Return the number of rows by the file's footer; a page may hold others, which the child's memory
+        bounds.
+        """
         return int(self._file.metadata.num_rows)
 
     def column(self, name: str) -> Any:
@@ -173,7 +176,7 @@ class _Mf4:
         self._signals: dict[str, Any] = {}
 
     def size(self, name: str) -> int:
-        """Return readings by the group's header."""
+        """Return the number of readings by the group's header."""
         group, _ = self._file.channels_db[name][0]
         return int(self._file.groups[group].channel_group.cycles_nr)
 
@@ -210,9 +213,9 @@ class _Hdf5:
         self._file: Any = h5py.File(path, "r")
         self._file.visititems(visit)  # follows hard links alone
         self.names = tuple(names)
-        self._refuse_links(h5py.ExternalLink)
+        self._check_no_external_links(h5py.ExternalLink)
 
-    def _refuse_links(self, external: type) -> None:
+    def _check_no_external_links(self, external: type) -> None:
         groups = [self._file]
         self._file.visititems(lambda _, item: groups.append(item) if hasattr(item, "keys") else None)
         for group in groups:
@@ -221,7 +224,7 @@ class _Hdf5:
                     raise ValueError(f"{name}: a link to another file is not followed")
 
     def size(self, name: str) -> int:
-        """Return values by the data set's header, or of one chunk where that holds more."""
+        """Return the number of values by the data set's header, or of one chunk where that holds more."""
         data = self._file[name]
         if data.external or data.is_virtual:
             raise ValueError(f"{name}: its values lie in another file, which is not read")
@@ -244,7 +247,7 @@ class _Hdf5:
 _OPEN: dict[str, Callable[[Path], _NativeTable]] = {".parquet": _Parquet, ".mf4": _Mf4, ".mat": _Hdf5}
 
 
-def _floats(values: Any, name: str) -> FloatArray:
+def _as_floats(values: Any, name: str) -> FloatArray:
     try:
         numbers: FloatArray = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -36,11 +36,11 @@ class InputTable(Protocol):
     """The car's configuration, where the table brings it."""
 
     def column(self, name: str) -> FloatArray:
-        """Return (n,) numbers of a column, NaN where there is none."""
+        """Return the (n,) numbers of a column, NaN for an empty cell."""
         ...
 
     def own_time(self, name: str) -> FloatArray | None:
-        """Return (n,) seconds at which a signal was read, where it brings its own times."""
+        """Return the (n,) seconds at which a signal was read; None where it has no times of its own."""
         ...
 
     def line(self, row: int) -> int | None:
@@ -48,7 +48,7 @@ class InputTable(Protocol):
         ...
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         ...
 
 
@@ -92,7 +92,7 @@ class CsvTable:
                 csv.field_size_limit(MAX_FIELD_CHARS)
                 most = MAX_VALUES // max(len(kept), 1)
                 for number, row in enumerate(csv.reader(lines, delimiter=delimiter), 2):
-                    lines.row_read()
+                    lines.end_row()
                     if number > most + 1:
                         reason = f"more than {most} rows; of a table at most {MAX_VALUES} values are read"
                         raise InputError(path, reason, number)
@@ -120,7 +120,7 @@ class CsvTable:
         return None
 
     def line(self, row: int) -> int | None:
-        """Return the line at which a row ends."""
+        """Return the line at which a row ends, in the file."""
         return self._lines[row]
 
     def close(self) -> None:
@@ -147,7 +147,7 @@ class _Lines:
             raise StopIteration
         return line
 
-    def row_read(self) -> None:
+    def end_row(self) -> None:
         """Note that a row is complete: the next may be as long again."""
         self._chars = 0
 

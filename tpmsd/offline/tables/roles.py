@@ -86,8 +86,9 @@ SUFFIXES = {
 
 
 def scale_of(role: str, unit: str | None) -> Scale:
-    """Return the factor and offset to SI; None is the default, SI. ConfigError on a unit that the role cannot
-    have."""
+    """Return the factor and offset to SI units; `unit` None is SI. ConfigError for a unit that the role
+    cannot have.
+    """
     if role in COUNT_ROLES:
         if unit not in (None, "", "1"):
             raise ConfigError(f"a count has no unit, found {unit!r}")
@@ -103,14 +104,15 @@ def scale_of(role: str, unit: str | None) -> Scale:
     return to_si(role, default if unit is None else unit)
 
 
-def is_linear(role: str, unit: str | None) -> bool:
+def is_road_speed(role: str, unit: str | None) -> bool:
     """Return whether a wheel speed is one along the road, to be divided by the nominal radius."""
     return role in SPEED_ROLES and unit is not None and unit not in ("rad/s", "deg/s", "rpm")
 
 
 def split_name(name: str, prefix: str = "") -> tuple[str, str | None] | None:
     """Return role and unit of a column's name, `prefix` put in front where it is missing; None if it is no
-    role."""
+    role.
+    """
     for candidate in (name, prefix + name):
         if candidate in ROLES:
             return candidate, None

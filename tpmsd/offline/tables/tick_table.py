@@ -62,13 +62,13 @@ class TickTable:
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the table as a data frame, columns in their documented order; ConfigError without pandas."""
-        from tpmsd.offline.tables.extras import need_pandas
+        from tpmsd.offline.tables.extras import import_pandas
 
         columns = {
             column.name: list(self.texts[column.name]) if column.text else self.numbers[column.name]
             for column in columns_of(self.numbers)
         }
-        frame: pd.DataFrame = need_pandas().DataFrame(columns)
+        frame: pd.DataFrame = import_pandas().DataFrame(columns)
         return frame
 
 
@@ -89,14 +89,14 @@ class TickTableRecorder:
         self._events: list[AlarmEvent] = []
 
     def observe_fix(self, fix: GnssFix) -> None:
-        """Take a fix as the receiver sent it; before the step of its tick."""
+        """Record a fix as the receiver sent it; before the step of its tick."""
         if len(self._waiting) == MAX_WAITING:
             self._waiting.popleft()
             self._left_out += 1
         self._waiting.append(fix)
 
     def add(self, step: Step) -> None:
-        """Take a step."""
+        """Append the row of a step."""
         tick, estimate, report = step.tick, step.estimate, step.report
         if math.isnan(self._start_s):
             self._start_s = tick.time_s - tick.dt_s
@@ -120,7 +120,7 @@ class TickTableRecorder:
             *(estimate.speed_mps, estimate.yaw_rate_radps, estimate.east_m, estimate.north_m),
             *(estimate.heading_rad, estimate.position_std_m, estimate.heading_std_rad),
             *(estimate.gnss_age_s, float(estimate.informative), report.learning_fraction),
-            *_by_wheel(wheels),
+            *_wheel_columns(wheels),
             float(len(tick.faults)),
             *_state_columns(step.vehicle_state, len(self._names) - len(NUMBERS)),
         ]
@@ -148,7 +148,7 @@ class TickTableRecorder:
         )
 
 
-def _by_wheel(wheels: tuple[WheelReport, ...]) -> list[float]:
+def _wheel_columns(wheels: tuple[WheelReport, ...]) -> list[float]:
     """Return five figures of each wheel, those of one kind side by side; NaN for a wheel not reported."""
     values = [math.nan] * (5 * len(WHEELS))
     for wheel in wheels:

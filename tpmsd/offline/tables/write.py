@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from tpmsd.offline.tables.columns import columns_of
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 from tpmsd.offline.tables.tick_table import TickTable
 
 SCHEMA = "tpmsd.ticks/1"
@@ -23,11 +23,13 @@ CHUNK_ROWS = 10_000
 
 
 def check_packages(kind: str) -> None:
-    """ConfigError where the package for a kind of table is missing: before a long replay, not after it."""
+    """Raise ConfigError where the package for a kind of table is missing: before a long replay, not
+    after it.
+    """
     if kind == "parquet":
-        need("pyarrow", "tables", "Parquet files")
+        import_extra("pyarrow", "tables", "Parquet files")
     if kind == "mcap":
-        need("mcap.writer", "tables", "MCAP files")
+        import_extra("mcap.writer", "tables", "MCAP files")
 
 
 def csv_text(table: TickTable) -> str:
@@ -41,14 +43,14 @@ def csv_text(table: TickTable) -> str:
         columns = [
             table.texts[column.name][part]
             if column.text
-            else [_cell(value) for value in table.numbers[column.name][part].tolist()]
+            else [_csv_cell(value) for value in table.numbers[column.name][part].tolist()]
             for column in known
         ]
         writer.writerows(zip(*columns, strict=True))
     return out.getvalue()
 
 
-def _cell(value: float) -> str:
+def _csv_cell(value: float) -> str:
     if math.isnan(value):
         return ""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
@@ -56,8 +58,8 @@ def _cell(value: float) -> str:
 
 def parquet_bytes(table: TickTable, vehicle_toml: str) -> bytes:
     """Return the table as Parquet; `vehicle_toml` is the car's configuration. ConfigError without pyarrow."""
-    pa = need("pyarrow", "tables", "Parquet files")
-    parquet = need("pyarrow.parquet", "tables", "Parquet files")
+    pa = import_extra("pyarrow", "tables", "Parquet files")
+    parquet = import_extra("pyarrow.parquet", "tables", "Parquet files")
     fields, arrays = [], []
     for column in columns_of(table.numbers):
         kind = pa.dictionary(pa.int32(), pa.string()) if column.text else pa.float64()

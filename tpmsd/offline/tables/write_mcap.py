@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.columns import INERTIAL, VEHICLE_STATE
-from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.extras import import_extra
 from tpmsd.offline.tables.mcap_schemas import DIAGONAL_KNOWN, ERROR, INFO, STATE, STATE_TOPIC, TOPICS
 from tpmsd.offline.tables.tick_table import TickTable
 from tpmsd.onboard.monitor.records import AlarmEvent
@@ -32,7 +32,7 @@ _INPUT = tuple(column.name for column in INERTIAL)
 def mcap_bytes(table: TickTable) -> bytes:
     """Return the table as MCAP; ConfigError without the package mcap."""
     out = io.BytesIO()
-    writer = need("mcap.writer", "tables", "MCAP files").Writer(out)
+    writer = import_extra("mcap.writer", "tables", "MCAP files").Writer(out)
     writer.start(profile="", library="tpmsd")
     channels, schemas = {}, {}
     states = {STATE_TOPIC: STATE} if _has_vehicle_state(table) else {}
@@ -46,7 +46,7 @@ def mcap_bytes(table: TickTable) -> bytes:
         )
     for number, (time_s, topic, content) in enumerate(messages(table)):
         stamp = round(time_s * 1e9)
-        message = content if topic == "/map" else {"timestamp": _stamp(stamp), **content}
+        message = content if topic == "/map" else {"timestamp": _ros_stamp(stamp), **content}
         writer.add_message(
             channel_id=channels[topic],
             log_time=stamp,
@@ -59,35 +59,41 @@ def mcap_bytes(table: TickTable) -> bytes:
 
 
 def messages(table: TickTable) -> Iterator[Message]:
-    """Yield all messages: time, topic, content without its stamp; tick by tick, alarms behind their tick."""
+    """Yield all messages as time, topic and content without its stamp; tick by tick, alarms after
+    their tick.
+    """
     if not len(table):
         return
-    yield float(table["time_s"][0]), "/map", {"geojson": json.dumps(_track(table))}
+    yield float(table["time_s"][0]), "/map", {"geojson": json.dumps(_track_geojson(table))}
     columns = {name: values.tolist() for name, values in table.numbers.items()}
-    rotation = {wheel: _rate(table, wheel).tolist() for wheel in WHEELS}
+    rotation = {wheel: _wheel_rates(table, wheel).tolist() for wheel in WHEELS}
     alarms = sorted(table.events, key=lambda alarm: alarm.time_s)
     said = 0
     for k, time_s in enumerate(columns["time_s"]):
         row = {name: values[k] for name, values in columns.items()}
         active = table.texts["alarms"][k].split()
         for wheel in WHEELS:
-            yield time_s, f"/wheel/{wheel}", _wheel(row, wheel, table.texts[f"state_{wheel}"][k], active)
+            yield (
+                time_s,
+                f"/wheel/{wheel}",
+                _wheel_message(row, wheel, table.texts[f"state_{wheel}"][k], active),
+            )
         motion = {name: row[name] for name in _MOTION}
-        yield time_s, "/motion", _known({**motion, "yaw_rate_radps": row["estimated_yaw_rate_radps"]})
+        yield time_s, "/motion", _finite_values({**motion, "yaw_rate_radps": row["estimated_yaw_rate_radps"]})
         turns = {f"rotation_{wheel}_radps": rotation[wheel][k] for wheel in WHEELS}
-        yield time_s, "/input", _known({**turns, **{name: row[name] for name in _INPUT}})
-        yield from _state(row, time_s)
+        yield time_s, "/input", _finite_values({**turns, **{name: row[name] for name in _INPUT}})
+        yield from _state_messages(row, time_s)
         if math.isfinite(row["gnss_latitude_deg"]):
             yield row["gnss_arrival_s"], "/gnss/fix", _location_fix(row)
         while said < len(alarms) and alarms[said].time_s <= time_s:
-            yield alarms[said].time_s, "/alarms", _log(alarms[said])
+            yield alarms[said].time_s, "/alarms", _log_message(alarms[said])
             said += 1
     for alarm in alarms[said:]:
-        yield alarm.time_s, "/alarms", _log(alarm)
+        yield alarm.time_s, "/alarms", _log_message(alarm)
 
 
-def _state(row: dict[str, float], time_s: float) -> Iterator[Message]:
-    """Yield the vehicle state where it is known."""
+def _state_messages(row: dict[str, float], time_s: float) -> Iterator[Message]:
+    """Yield the message of the vehicle state; none where it is not known."""
     if math.isfinite(row.get(VEHICLE_STATE[0].name, math.nan)):
         yield time_s, STATE_TOPIC, {column.name: row[column.name] for column in VEHICLE_STATE}
 
@@ -96,14 +102,14 @@ def _has_vehicle_state(table: TickTable) -> bool:
     return VEHICLE_STATE[0].name in table.numbers
 
 
-def _wheel(row: dict[str, float], wheel: str, state: str, active: list[str]) -> dict[str, Any]:
+def _wheel_message(row: dict[str, float], wheel: str, state: str, active: list[str]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, prefix in (("deviation", ""), ("change", "change_")):
         middle, band = 1e3 * row[f"{name}_{wheel}_m"], 2e3 * row[f"{name}_std_{wheel}_m"]
         out |= {f"{name}_mm": middle, f"{prefix}lower_mm": middle - band, f"{prefix}upper_mm": middle + band}
     out["deflation_probability"] = row[f"deflation_probability_{wheel}"]
     out["alarm"] = float(any(alarm.endswith(f":{wheel}") for alarm in active))
-    return {**_known(out), "state": state}
+    return {**_finite_values(out), "state": state}
 
 
 def _location_fix(row: dict[str, float]) -> dict[str, Any]:
@@ -123,7 +129,7 @@ def _location_fix(row: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _log(alarm: AlarmEvent) -> dict[str, Any]:
+def _log_message(alarm: AlarmEvent) -> dict[str, Any]:
     return {
         "level": ERROR if alarm.state == "raised" else INFO,
         "message": f"{alarm.kind} {alarm.wheel or ''} {alarm.state}: {alarm.reason}".replace("  ", " "),
@@ -133,8 +139,8 @@ def _log(alarm: AlarmEvent) -> dict[str, Any]:
     }
 
 
-def _track(table: TickTable) -> dict[str, Any]:
-    """Return the fixes as one line, and the place of each alarm, as GeoJSON (RFC 7946)."""
+def _track_geojson(table: TickTable) -> dict[str, Any]:
+    """Return the fixes as one line, and the position of each alarm, as GeoJSON (RFC 7946)."""
     latitude, longitude, time_s = (
         table[name] for name in ("gnss_latitude_deg", "gnss_longitude_deg", "gnss_arrival_s")
     )
@@ -155,15 +161,17 @@ def _track(table: TickTable) -> dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
 
 
-def _rate(table: TickTable, wheel: str) -> FloatArray:
-    """Return (n,) rotation of a wheel by the differences of its angle; NaN at the first row."""
+def _wheel_rates(table: TickTable, wheel: str) -> FloatArray:
+    """Return the (n,) rotation rate of a wheel, rad/s, by the differences of its angle; NaN at the
+    first row.
+    """
     angle, time_s = table[f"wheel_angle_{wheel}_rad"], table["drive_time_s"]
     return np.concatenate([[np.nan], np.diff(angle) / np.diff(time_s)])
 
 
-def _known(values: dict[str, float]) -> dict[str, Any]:
+def _finite_values(values: dict[str, float]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if math.isfinite(value)}
 
 
-def _stamp(nanoseconds: int) -> dict[str, int]:
+def _ros_stamp(nanoseconds: int) -> dict[str, int]:
     return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
