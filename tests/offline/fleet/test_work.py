@@ -11,7 +11,7 @@ from cantools.database import Database
 
 import tpmsd
 from tpmsd.offline.drives.drive import load
-from tpmsd.offline.drives.playing import replayed, replayed_at_desk_rate
+from tpmsd.offline.drives.playing import replay_drive, replays_at_desk_rate
 from tpmsd.offline.drives.reading import FolderRecording, read_ticks
 from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.parameters import NAMES
@@ -74,9 +74,9 @@ def test_a_replay_at_another_rate_makes_other_ticks(tmp_path: Path) -> None:
     folder = tpmsd.simulate(duration_s=30.0, seed=5).save(tmp_path / "van" / "monday")
     drive = load(folder)
     ticks: list[Tick] = []
-    replayed(drive, collected=ticks)
-    assert replayed_at_desk_rate(drive)
+    replay_drive(drive, collected=ticks)
+    assert replays_at_desk_rate(drive)
     assert list(map(repr, read_ticks(drive.recording, drive.config))) == list(map(repr, ticks))
     with (folder / "vehicle.toml").open("a") as file:
         file.write("\n[filter]\nrate_hz = 20.0\n")
-    assert not replayed_at_desk_rate(load(folder))
+    assert not replays_at_desk_rate(load(folder))

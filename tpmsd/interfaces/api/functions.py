@@ -19,7 +19,7 @@ from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay, Source
 from tpmsd.offline.drives.drive import Drive, as_drive
-from tpmsd.offline.drives.playing import known_effects, recording_of, replayed
+from tpmsd.offline.drives.playing import known_effects, recording_of, replay_drive
 from tpmsd.offline.drives.reading import (
     MemoryRecording,
     Progress,
@@ -69,7 +69,9 @@ def replay(
     extended = known_effects([one], model)
     if extended is not None:
         notes += uncompensated_effects(config, extended)
-    result, ticks = replayed(dataclasses.replace(one, config=config), extended, table, progress, notes.append)
+    result, ticks = replay_drive(
+        dataclasses.replace(one, config=config), extended, table, progress, notes.append
+    )
     return Replay(result, ticks, tuple(notes), _source([one]))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tpmsd.car.config.problems import ConfigProblems
 from tpmsd.foundation.errors import InputError
-from tpmsd.offline.drives.drive import Drive, drive_of, settings_of
+from tpmsd.offline.drives.drive import Drive, car_settings, drive_from_encoded
 from tpmsd.offline.drives.reading import Note, ignore_note
 from tpmsd.offline.tables.encode import encode
 from tpmsd.offline.tables.from_file import missing_columns, read_signals
@@ -43,8 +43,8 @@ def load_table(table: str | Path, map_file: str | Path | None = None, note: Note
         signals = signals_from(series, found.moduli)
     except TableError as error:
         raise InputError(path, str(error)) from None
-    tables = {**(settings_of(mapped.config) if mapped.config is not None else {}), **found.car}
-    return drive_of(encode(signals), tables, path.stem)
+    tables = {**(car_settings(mapped.config) if mapped.config is not None else {}), **found.car}
+    return drive_from_encoded(encode(signals), tables, path.stem)
 
 
 def guess_map(table: str | Path) -> tuple[str, bool]:

@@ -83,7 +83,7 @@ def _explanation_of_daemon(args: argparse.Namespace) -> dict[str, Any]:
 def _explanation_of_drive(folder: Path, args: argparse.Namespace) -> dict[str, Any]:
     from tpmsd.interfaces.cli.drive_reading import say, span_s
     from tpmsd.offline.drives.drive import Drive
-    from tpmsd.offline.drives.playing import explained
+    from tpmsd.offline.drives.playing import explain_drive
     from tpmsd.offline.drives.reading import FolderRecording
 
     if not folder.is_dir():
@@ -92,5 +92,5 @@ def _explanation_of_drive(folder: Path, args: argparse.Namespace) -> dict[str, A
     model = model_of(config, args, say)
     drive = Drive(folder.resolve().name, config, FolderRecording(folder))
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "explain") as progress:
-        found = explained(drive, model, progress.update, say)
+        found = explain_drive(drive, model, progress.update, say)
     return {**provenance(SCHEMA, [folder], config.file), **found}

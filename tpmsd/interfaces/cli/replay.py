@@ -25,7 +25,7 @@ from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, j
 from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.replay_signals import has_signals_alone, run_signals
 from tpmsd.offline.drives import playing
-from tpmsd.offline.drives.drive import Drive, settings_of
+from tpmsd.offline.drives.drive import Drive, car_settings
 from tpmsd.offline.drives.reading import FolderRecording
 from tpmsd.offline.report.replay_document import REPLAY_SCHEMA, replay_document
 from tpmsd.offline.report.replay_result import ReplayResult
@@ -145,7 +145,7 @@ def _table_writers(table: TickTable | None, config: Config) -> dict[str, Callabl
 
     return {
         "--csv": lambda: csv_text(table),
-        "--parquet": lambda: parquet_bytes(table, toml_text(settings_of(config))),
+        "--parquet": lambda: parquet_bytes(table, toml_text(car_settings(config))),
         "--mcap": lambda: mcap_bytes(table),
     }
 
@@ -193,4 +193,4 @@ def replayed(
     recording = FolderRecording(folder)
     drive = Drive(folder.resolve().name, config, recording)
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "replay") as progress:
-        return playing.replayed(drive, model, table, progress.update, say)
+        return playing.replay_drive(drive, model, table, progress.update, say)

@@ -61,6 +61,6 @@ class BusFixes:
             self.fixes += [event for event in events if isinstance(event, GnssFix)]
 
     def finish(self) -> list[GnssFix]:
-        """Return all fixes, the last one included."""
+        """Return all fixes, the last epoch included."""
         self.fixes += [event for event in self._assembler.flush() if isinstance(event, GnssFix)]
         return self.fixes

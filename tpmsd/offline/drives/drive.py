@@ -48,18 +48,18 @@ class Drive:
         wheels = [
             wheel for wheel in WHEELS if any(role == f"{kind}_{wheel}" for role in signals for kind in KINDS)
         ]
-        return one_line("Drive", repr(self.name), self._extent(), f"wheels {' '.join(wheels)}")
+        return one_line("Drive", repr(self.name), self._size_text(), f"wheels {' '.join(wheels)}")
 
     def _repr_html_(self) -> str:
-        """Place or size, car and signals as a card for a notebook."""
+        """Return path or size, car and signals as a card for a notebook."""
         vehicle = self.config.vehicle
         radii = [1e3 * radius for radius in vehicle.wheel_radius_m]
-        rows = [("recording", self._extent())]
+        rows = [("recording", self._size_text())]
         rows += [("wheel radii", " ".join(f"{w} {r:g} mm" for w, r in zip(WHEELS, radii, strict=True)))]
         signals = list(self.config.can.signals.items())
         return card(f"Drive {self.name}", (("", ""), rows), (("role", "signal"), signals))
 
-    def _extent(self) -> str:
+    def _size_text(self) -> str:
         if not isinstance(self.recording, MemoryRecording):
             return f"in {self.folder}"
         items = self.recording.items
@@ -117,18 +117,18 @@ class Drive:
         from tpmsd.offline.tables.from_columns import series_of
         from tpmsd.offline.tables.gather import signals_from, split_empty
 
-        tables, radii = _car(vehicle)
+        tables, radii = _car_settings_and_radii(vehicle)
         antenna = {"antenna_forward_m": antenna_forward_m, "antenna_left_m": antenna_left_m}
         placed = {key: value for key, value in antenna.items() if value is not None}
         tables = {**tables, "gnss": {**tables.get("gnss", {}), **placed}, **(settings or {})}
         series = series_of(wheels, "wheels", radii)
         if inertial is not None:
-            series = _joined(series, series_of(inertial, "inertial", radii))
+            series = _merge_series(series, series_of(inertial, "inertial", radii))
         if gnss is not None:
-            series = _joined(series, series_of(gnss, "gnss", radii, "gnss_"))
+            series = _merge_series(series, series_of(gnss, "gnss", radii, "gnss_"))
         moduli = {} if modulus is None else {f"wheel_count_{wheel}": modulus for wheel in WHEELS}
         read, _ = split_empty(series)
-        return drive_of(encode(signals_from(read, moduli)), tables, name)
+        return drive_from_encoded(encode(signals_from(read, moduli)), tables, name)
 
     def save(self, folder: str | Path) -> Path:
         """Write a drive that was made from tables as a drive folder, and return its path.
@@ -154,8 +154,8 @@ def load(path: str | Path, config: str | Path | None = None) -> Drive:
     return Drive(folder.resolve().name, loaded, FolderRecording(folder))
 
 
-def drive_of(encoded: Encoded, tables: Mapping[str, Table], name: str) -> Drive:
-    """Return the drive of encoded signals, with the tables of its configuration."""
+def drive_from_encoded(encoded: Encoded, tables: Mapping[str, Table], name: str) -> Drive:
+    """Return the drive of encoded signals, with these tables as its configuration."""
     from tpmsd.offline.tables.car_file import car_tables, config_of, toml_text
 
     text = toml_text(car_tables(encoded, tables))
@@ -164,17 +164,19 @@ def drive_of(encoded: Encoded, tables: Mapping[str, Table], name: str) -> Drive:
 
 
 def as_drive(drive: Drive | str | Path) -> Drive:
-    """Return a drive, loaded if it is given by its folder."""
+    """Return a drive, loaded if it is given as the path of its folder."""
     return drive if isinstance(drive, Drive) else load(drive)
 
 
-def _joined(one: dict[str, SignalReadings], other: dict[str, SignalReadings]) -> dict[str, SignalReadings]:
-    """Both; what both hold (one data frame given for several tables) is taken once."""
+def _merge_series(
+    one: dict[str, SignalReadings], other: dict[str, SignalReadings]
+) -> dict[str, SignalReadings]:
+    """Return the series of both; of a role in both (one data frame given for several tables) the first."""
     return {**other, **one}
 
 
-def settings_of(config: Config) -> dict[str, Table]:
-    """Return the tables of a configuration that speak of car, antenna and filter, not of bus and files."""
+def car_settings(config: Config) -> dict[str, Table]:
+    """Return the tables of a configuration that describe car, antenna and filter, not bus and files."""
     tables: dict[str, Table] = {}
     for name in ("vehicle", "gnss", "filter", "monitor", "tyre"):
         record = getattr(config, name)
@@ -192,13 +194,15 @@ def settings_of(config: Config) -> dict[str, Table]:
     return tables
 
 
-def _car(vehicle: Mapping[str, Any] | str | Path | Config) -> tuple[dict[str, Table], np.ndarray]:
-    """Return the tables that a car is known by, and its nominal radii (4,)."""
+def _car_settings_and_radii(
+    vehicle: Mapping[str, Any] | str | Path | Config,
+) -> tuple[dict[str, Table], np.ndarray]:
+    """Return the tables that describe a car, and its nominal radii (4,), m."""
     if isinstance(vehicle, str | Path):
         vehicle = load_config(Path(vehicle))
     if isinstance(vehicle, Config):
         car = vehicle.vehicle
-        return settings_of(vehicle), np.array(car.wheel_radius_m)
+        return car_settings(vehicle), np.array(car.wheel_radius_m)
     radius = vehicle.get("wheel_radius_m")
     try:
         if isinstance(radius, Mapping):

@@ -1,4 +1,4 @@
-"""A drive through the core: replayed, explained, or as the arrays of diagnosis and calibration.
+"""A drive through the core: replay_drive, explain_drive, or as the arrays of diagnosis and calibration.
 
 In: a `Drive`. Out: records; each note on the recording is handed on at once. The Python face, the commands
 and the workers of a fleet share these functions.
@@ -38,7 +38,7 @@ REPORTED_LATE_S = 1.0
 """Delay of what only the end of a replay asks for, s: it is done for many samples at once."""
 
 
-def replayed(
+def replay_drive(
     drive: Drive,
     model: ExtendedModel | None = None,
     table: bool = False,
@@ -46,8 +46,9 @@ def replayed(
     note: Note = ignore_note,
     collected: list[Tick] | None = None,
 ) -> tuple[ReplayResult, TickTable | None]:
-    """Return a replay as records; each note is handed on at once. The ticks as the timeline made them are
-    added to `collected`."""
+    """Return the result of a replay, and its tick table if `table`; each note is passed on at once. The ticks
+    as the timeline made them are appended to `collected`.
+    """
     config = drive.config
     stream, database = drive.recording.open(config, note)
     recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
@@ -96,7 +97,7 @@ def _state_summary(method: str) -> StateSummary:
     return StateSummary(method)
 
 
-def explained(
+def explain_drive(
     drive: Drive,
     model: ExtendedModel | None = None,
     progress: Progress = ignore_progress,
@@ -115,15 +116,16 @@ def explained(
     return {"drive": drive.name, "start_time": start_s, **pipeline.explain()}
 
 
-def replayed_at_desk_rate(drive: Drive) -> bool:
-    """Return whether a replay makes the ticks that diagnosis and calibration take."""
+def replays_at_desk_rate(drive: Drive) -> bool:
+    """Return whether a replay of the drive has the tick rate of diagnosis and calibration."""
     return drive.config.filter.rate_hz == DESK_RATE_HZ
 
 
 def recording_of(drive: Drive, name: str | None = None, collected: list[Tick] | None = None) -> Recording:
-    """Return a drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it.
+    """Return a drive as the arrays of diagnosis and calibration; InputError where there is nothing usable in
+    it.
 
-    `collected`: its ticks, if a replay has made them already (`replayed_at_desk_rate`); else it is read.
+    `collected`: its ticks, if a replay has made them already (`replays_at_desk_rate`); else it is read.
     """
     from tpmsd.offline.inference.recording import record  # SciPy, which a replay does not need
 
@@ -139,7 +141,7 @@ def recording_of(drive: Drive, name: str | None = None, collected: list[Tick] | 
 def known_effects(
     drives: list[Drive], model: ExtendedModel | str | Path | None = None
 ) -> ExtendedModel | None:
-    """Return the effects of the baseline; ConfigError where configurations name different models."""
+    """Return the effects of the baseline model; ConfigError where configurations name different models."""
     if model is None:
         named = {drive.config.filter.model for drive in drives}
         if len(named) > 1:

@@ -40,7 +40,7 @@ class RawDrive:
 def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
     """Return the CAN log and the receiver's log of a folder, or of two files in either order."""
     if len(paths) == 1:
-        folder = _folder(paths[0])
+        folder = _checked_folder(paths[0])
         nmea = find_nmea_log(folder)
         if nmea is None:
             raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be told")
@@ -60,7 +60,7 @@ def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
 
 
 def _check_file(path: Path) -> None:
-    """Raise the error that says what a drive is where one of two paths is no file."""
+    """Raise ConfigError for a folder and InputError for a missing file."""
     if path.is_dir():
         raise ConfigError(f"{path}: a folder; {_WANTED}: one drive at a time")
     if not path.is_file():
@@ -73,11 +73,13 @@ def _has_sentences(path: Path) -> bool:
 
 
 def read_drive(paths: Sequence[Path], tell: Note = ignore_note, on_bus: BusFixes | None = None) -> RawDrive:
-    """Everything of a drive; InputError where there is nothing usable.
+    """Return all frames and fixes of a drive; InputError where there is nothing usable.
 
     `on_bus`: gathers the fixes of a receiver on the bus; then no sentences are read.
     """
-    can_log, nmea_log = drive_files(paths) if on_bus is None else (find_can_log(_folder(paths[0])),) * 2
+    can_log, nmea_log = (
+        drive_files(paths) if on_bus is None else (find_can_log(_checked_folder(paths[0])),) * 2
+    )
     bad: dict[Path, tuple[int, str]] = {}
 
     def note(path: Path, line: int, reason: str) -> None:
@@ -89,7 +91,7 @@ def read_drive(paths: Sequence[Path], tell: Note = ignore_note, on_bus: BusFixes
         log.add(block)
         if on_bus is not None:
             on_bus.decode_block(block)
-    fixes = _sentences(nmea_log, note) if on_bus is None else on_bus.finish()
+    fixes = _fixes_of_log(nmea_log, note) if on_bus is None else on_bus.finish()
     host_times = on_bus is not None or bears_host_times(nmea_log)
     for count, first in bad.values():
         tell(f"{counted(count, 'bad line')} skipped, first {first}")
@@ -98,13 +100,13 @@ def read_drive(paths: Sequence[Path], tell: Note = ignore_note, on_bus: BusFixes
     return RawDrive(can_log, nmea_log, log, fixes, host_times)
 
 
-def _folder(path: Path) -> Path:
+def _checked_folder(path: Path) -> Path:
     if not path.is_dir():
         raise InputError(path, "not a folder" if path.exists() else "no such drive folder")
     return path
 
 
-def _sentences(nmea_log: Path, note: Callable[[Path, int, str], None]) -> list[GnssFix]:
+def _fixes_of_log(nmea_log: Path, note: Callable[[Path, int, str], None]) -> list[GnssFix]:
     """Return the fixes of a receiver's log."""
     assembler = NmeaAssembler()
     fixes: list[GnssFix] = []

@@ -47,11 +47,11 @@ Progress = Callable[[float], None]
 
 
 def ignore_note(line: str) -> None:
-    """Drop a note."""
+    """Do nothing with a note."""
 
 
 def ignore_progress(done_s: float) -> None:
-    """Drop a report of progress."""
+    """Do nothing with a report of progress."""
 
 
 class Core(Protocol[Out]):
@@ -59,13 +59,13 @@ class Core(Protocol[Out]):
 
     @property
     def decoder(self) -> CanDecoder:
-        """Its counts tell whether the DBC fits."""
+        """The decoder, whose counts show whether the DBC fits."""
         ...
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Out]:
-        """Take one CAN data frame."""
+        """Process one CAN data frame; return what follows from it."""
         ...
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Out]:
@@ -74,11 +74,11 @@ class Core(Protocol[Out]):
         ...
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Out]:
-        """Take one NMEA line."""
+        """Process one NMEA line; return what follows from it."""
         ...
 
     def finish(self) -> list[Out]:
-        """Complete what the end of the recording completes."""
+        """Return what the end of the recording completes."""
         ...
 
 
@@ -92,11 +92,11 @@ class Stream(Protocol):
 
     @property
     def can_log(self) -> Path:
-        """File that an error about the frames names."""
+        """Path of the file that an error about the frames names."""
         ...
 
     def parts(self) -> Iterator[FrameSlice | CanFrame | Sentence]:
-        """Frames (also some together) and sentences in the order of their stamps."""
+        """Yield frames (also slices of a block) and sentences in the order of their stamps."""
         ...
 
 
@@ -160,7 +160,7 @@ class MemoryRecording:
         return MemoryStream(self.name, self.items), self.database()
 
     def database(self) -> Database:
-        """Return the DBC, read."""
+        """Return the parsed DBC."""
         database = cantools.database.load_string(self.dbc, "dbc")
         assert isinstance(database, Database)
         return database
@@ -177,7 +177,7 @@ class MemoryStream:
         self.buses: dict[str, int] = {}
 
     def parts(self) -> Iterator[CanFrame | Sentence]:
-        """Frames and sentences, oldest first."""
+        """Yield frames and sentences, oldest first."""
         return iter(self._items)
 
 
@@ -187,7 +187,8 @@ def play(
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
 ) -> Iterator[Out]:
-    """Yield what the core makes of the whole drive, in order; `progress` receives the seconds that are done.
+    """Yield what the core makes of the whole drive, in order; `progress` is called with the seconds that are
+    done.
 
     InputError at the end if no frame had an identifier that the configured signals need.
     """
@@ -232,14 +233,14 @@ def read_ticks(
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
 ) -> list[Tick]:
-    """Return all ticks of a drive, made as the daemon's own core makes them, without an estimator."""
+    """Return all ticks of a drive, made by the daemon's own core without an estimator."""
     stream, database = recording.open(config, note)
     with no_collection():
         return list(play(stream, BlockSource(TickSource(config, database, rate_hz)), progress, note))
 
 
 def _align_clocks(stream: FolderStream, config: Config, decoder: CanDecoder, note: Note) -> None:
-    """Put plain NMEA lines, whose UTC is their only clock, onto the host clock of the CAN log."""
+    """Shift plain NMEA lines, whose UTC is their only clock, onto the host clock of the CAN log."""
     again = FolderStream(stream.folder)
     again.channel = stream.channel
     found = clock_offset(again, decoder, config.vehicle.wheel_radius_m[2])

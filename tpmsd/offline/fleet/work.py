@@ -1,4 +1,4 @@
-"""Result of one drive: replayed, calibrated and diagnosed, as one document of plain values.
+"""Result of one drive: replay_drive, calibrated and diagnosed, as one document of plain values.
 
 In: the store's path and a drive's key. Out: the drive's result file. This runs in the workers. A drive that
 cannot be used is a result with its reason; one that took its worker down `tries` times is set aside. The
@@ -87,17 +87,17 @@ def _result_document(
 def _run_stages(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
     from tpmsd.offline.drives.drive import load
-    from tpmsd.offline.drives.playing import known_effects, recording_of, replayed, replayed_at_desk_rate
+    from tpmsd.offline.drives.playing import known_effects, recording_of, replay_drive, replays_at_desk_rate
     from tpmsd.offline.report.replay_document import replay_document
     from tpmsd.onboard.timeline.tick import Tick
 
     drive = load(folder)
     # The drive is decoded once: what follows takes the replay's ticks.
-    ticks: list[Tick] | None = [] if "replay" in stages and replayed_at_desk_rate(drive) else None
+    ticks: list[Tick] | None = [] if "replay" in stages and replays_at_desk_rate(drive) else None
     recording = cache(lambda: recording_of(drive, "the drive", ticks))
     parts: dict[str, Any] = {}
     if "replay" in stages:
-        result, _ = replayed(drive, collected=ticks)
+        result, _ = replay_drive(drive, collected=ticks)
         document = replay_document(result)
         for name in ("drive", "realtime_factor", "resonance", "pose"):
             document.pop(name, None)
