@@ -26,7 +26,11 @@ from tpmsd.offline.diagnosis.selection.catalogue_effect import (
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.rings.miscount import all_recounted, one_recounted, wrong_teeth
+from tpmsd.offline.rings.miscount import (
+    wheels_with_wrong_teeth,
+    with_all_rings_corrected,
+    with_single_ring_corrected,
+)
 
 
 def term(effect: str, *parameters: str, **more: object) -> Term:
@@ -47,19 +51,19 @@ def test_a_ring_of_another_number_of_teeth_is_identified_by_its_radius(scale: fl
     drive = counted(48.0, 48.0, 48.0, 48.0, 48.0)
     radii = drive.car.radius_m * scale * np.array([1.0, 48.0 / 47.0, 1.0, 1.0])
 
-    assert [("fr", 47.0)] == wrong_teeth(drive, radii)
+    assert [("fr", 47.0)] == wheels_with_wrong_teeth(drive, radii)
 
 
 def test_a_radius_a_little_off_is_no_other_ring() -> None:
     """Half a per cent is wear."""
     drive = counted(48.0, 48.0, 48.0, 48.0, 48.0)
 
-    assert [] == wrong_teeth(drive, drive.car.radius_m * np.array([1.0, 1.005, 1.0, 1.0]))
+    assert [] == wheels_with_wrong_teeth(drive, drive.car.radius_m * np.array([1.0, 1.005, 1.0, 1.0]))
 
 
 def test_the_angles_of_one_miscounted_wheel_are_put_right() -> None:
     """44 teeth read as 48: the wheel shows 44/48 of its turns; afterwards it turns like the others."""
-    put_right = one_recounted(counted(48.0, 48.0, 48.0, 44.0, 48.0))
+    put_right = with_single_ring_corrected(counted(48.0, 48.0, 48.0, 44.0, 48.0))
 
     assert (None, None, 44.0, None) == put_right.counts_per_rev
     assert np.allclose(put_right.rotation_rad[:, 2], put_right.rotation_rad[:, 3], rtol=1e-12)
@@ -69,8 +73,8 @@ def test_all_rings_are_put_right_together_only_where_no_tyre_explains_it() -> No
     """43 teeth for 48 make all radii look 12 % too large; 2 % are another tyre."""
     drive = counted(48.0, 43.0, 43.0, 43.0, 43.0)
 
-    assert (43.0,) * 4 == all_recounted(drive, drive.car.radius_m * 48.0 / 43.0).counts_per_rev
-    assert drive is all_recounted(drive, drive.car.radius_m * 1.02)
+    assert (43.0,) * 4 == with_all_rings_corrected(drive, drive.car.radius_m * 48.0 / 43.0).counts_per_rev
+    assert drive is with_all_rings_corrected(drive, drive.car.radius_m * 1.02)
 
 
 def test_a_term_becomes_the_effect_with_its_values_within_bounds() -> None:

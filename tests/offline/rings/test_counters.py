@@ -13,7 +13,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.prepared.admission import read
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
-from tpmsd.offline.rings.low_speed import lost_counts
+from tpmsd.offline.rings.low_speed import low_speed_losses
 
 BELOW_MPS = 2.4
 
@@ -58,7 +58,7 @@ def test_counts_lost_below_a_speed_are_found() -> None:
     """All wheels, all of their counts, and the speed within its interval."""
     recording = blind(BELOW_MPS)
 
-    found = lost_counts(recording, reference(recording).car.radius_m)
+    found = low_speed_losses(recording, reference(recording).car.radius_m)
 
     assert found is not None
     assert ("fl", "fr", "rl", "rr") == found.wheels
@@ -76,9 +76,9 @@ def test_a_single_stop_loses_nothing() -> None:
     read = replace(recording, speed_mps=np.where(slow & ~one_stop, np.nan, late_mps))
 
     assert np.count_nonzero(slow & one_stop) >= 3
-    assert lost_counts(read, reference(read).car.radius_m) is None
+    assert low_speed_losses(read, reference(read).car.radius_m) is None
 
 
 def test_whole_counters_lose_nothing() -> None:
     """The receiver's speed and the wheels' agree down to walking pace."""
-    assert lost_counts(city(), reference(city()).car.radius_m) is None
+    assert low_speed_losses(city(), reference(city()).car.radius_m) is None

@@ -25,7 +25,7 @@ from tpmsd.offline.drives.playing import recording_of as read
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
-from tpmsd.offline.rings.missed import missed_counts, possible_rates
+from tpmsd.offline.rings.missed import missed_counts, plausible_loss_rates
 
 RL = WHEELS.index("rl")
 COUNTS = 40_000.0
@@ -106,7 +106,7 @@ def test_the_ripple_of_a_rear_ring_is_none_of_the_front_wheels(tmp_path: Path) -
 def test_the_ripple_limits_what_a_counter_may_lose_or_add(changed_m: float, share: float) -> None:
     """The true rate is possible; two counts of a thousand more or less are not, even as a radius changes."""
     recording = _losing(_eccentric(changed_m), share)
-    low, high = possible_rates(recording, reference(recording), 12.5)["rl"]
+    low, high = plausible_loss_rates(recording, reference(recording), 12.5)["rl"]
     counts_per_s = float(np.nanmean(recording.rotation_rad[:, RL])) / recording.dt_s / (2.0 * np.pi) * COUNTS
 
     assert low < share * counts_per_s < high

@@ -16,7 +16,7 @@ from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import CHANNELS, GYRO, Linearised, Reader
-from tpmsd.offline.rings.single_losses import SingleLosses, _by_chance, single_losses
+from tpmsd.offline.rings.single_losses import SingleLosses, _sign_test_p_value, single_losses
 
 COUNT_M = np.full(4, 0.041)
 GYRO_RADPS = 2e-4
@@ -178,7 +178,7 @@ def test_the_stated_probability_is_no_smaller_than_the_drive_supports() -> None:
     """Sixty blocks of signs bear none below a bound of them; symmetric scatter is rarely below its level."""
     found = _found(_left({"rl": -_lost(0.004)}))
     rng = np.random.default_rng(1)
-    drawn = [_by_chance(rng.standard_t(3.0, WINDOWS)) for _ in range(400)]
+    drawn = [_sign_test_p_value(rng.standard_t(3.0, WINDOWS)) for _ in range(400)]
 
     assert found is not None
     assert 8.0 * np.exp(-0.5 * WINDOWS / 12) < found.p_value < 0.05

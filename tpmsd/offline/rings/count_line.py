@@ -43,26 +43,26 @@ class Blocks:
     """Per block and wheel: counts ahead of smooth turning."""
 
     @property
-    def longest(self) -> float:
-        """Counts in the longest block; 0 without blocks."""
+    def longest_counts(self) -> float:
+        """Number of counts in the longest block; 0 without blocks."""
         return max((float(np.ptp(one)) for one in self.counts), default=0.0)
 
 
-def cut(
+def residual_blocks(
     wheels: Sequence[tuple[Counter, float]], expected: float, settings: ToothCountSettings = TOOTH_COUNTS
 ) -> Blocks:
-    """Return the blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per
-    revolution, roughly.
+    """Return the residuals of the wheels in blocks: `wheels` has counter and scale of each, `expected` the
+    approximate counts per revolution.
 
     Only where the wheel turns so fast that a revolution is shorter than the smoothing.
     """
     counts: list[FloatArray] = []
     residual: list[FloatArray] = []
     for counter, scale in wheels:
-        number, ahead = counter.counts * scale, _ahead(counter, settings) * scale
+        number, ahead = counter.counts * scale, _residual_counts(counter, settings) * scale
         rate = np.gradient(number, counter.time_s)
         usable = np.isfinite(ahead) & (rate > settings.ripple_min_hz * expected)
-        block = _block_of(counter, settings)
+        block = _block_numbers(counter, settings)
         for index in np.unique(block[usable]):
             rows = usable & (block == index)
             if rows.sum() < settings.ripple_min_rows:
@@ -72,8 +72,8 @@ def cut(
     return Blocks(tuple(counts), tuple(residual))
 
 
-def _block_of(counter: Counter, settings: ToothCountSettings) -> NDArray[np.int64]:
-    """Return (n,) number of the block of each sample; a counter that jumps begins another."""
+def _block_numbers(counter: Counter, settings: ToothCountSettings) -> NDArray[np.int64]:
+    """Return the (n,) block number of each sample; a counter that jumps begins another block."""
     step = np.diff(counter.counts, prepend=counter.counts[0])
     jump = (step < 0) | (step > settings.ripple_jump * max(float(np.median(step[step > 0])), 1.0))
     period = np.floor((counter.time_s - counter.time_s[0]) / settings.ripple_block_s)
@@ -81,9 +81,10 @@ def _block_of(counter: Counter, settings: ToothCountSettings) -> NDArray[np.int6
     return np.cumsum(begins, dtype=np.int64)
 
 
-def _ahead(counter: Counter, settings: ToothCountSettings) -> FloatArray:
-    """Return (n,) counts beyond a cubic over the samples around (Savitzky, Golay 1964); NaN at lost
-    frames."""
+def _residual_counts(counter: Counter, settings: ToothCountSettings) -> FloatArray:
+    """Return the (n,) residual counts about a local cubic (Savitzky, Golay 1964); NaN at lost frames and with
+    too few samples.
+    """
     from scipy.signal import savgol_filter
 
     if len(counter.time_s) < 4 * settings.ripple_min_window:
@@ -96,8 +97,9 @@ def _ahead(counter: Counter, settings: ToothCountSettings) -> FloatArray:
     return np.where(np.abs(ahead) <= OUTLIER_STDS * robust_std(ahead), ahead, np.nan)
 
 
-def powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
-    """Return (blocks, k) power at one cycle per `counts_per_rev` (k,) counts; of mean 1 for white noise.
+def binned_powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
+    """Return the (blocks, k) power at one cycle per `counts_per_rev` (k,) counts, from binned spectra; of
+    mean 1 for white noise.
 
     By a Fourier transform over the counts, gathered in bins of a small part of a cycle.
     """
@@ -113,7 +115,7 @@ def powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
 
 
 def exact_powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
-    """Return the power (blocks, k) at a few numbers, without bins."""
+    """Return the (blocks, k) power at one cycle per `counts_per_rev` (k,) counts, without bins."""
     out = np.empty((len(blocks.counts), len(counts_per_rev)))
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
         power = line_power(counts, residual, REVOLUTION_RAD / counts_per_rev)
@@ -124,19 +126,21 @@ def exact_powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
 def log_evidence(
     blocks: Blocks, candidates: FloatArray, between: FloatArray, other_lines: float
 ) -> FloatArray:
-    """Return (k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone.
+    """Return the (k,) log evidence of `candidates` (k,), up to a constant; `between` are numbers at which
+    there is noise alone.
 
     `other_lines`: share of the blocks that may hold another line; 0 to find where an encoder's line is.
     """
     if not blocks.counts:
         return np.zeros(len(candidates))
-    noise = noise_power(powers(blocks, between))
-    return _mixture(powers(blocks, candidates) / np.maximum(noise, 1e-12), other_lines)
+    noise = noise_power(binned_powers(blocks, between))
+    return _log_likelihood_ratios(binned_powers(blocks, candidates) / np.maximum(noise, 1e-12), other_lines)
 
 
-def _mixture(power: FloatArray, other_lines: float) -> FloatArray:
-    """Return (k,) log of the mean likelihood ratio over sizes of the line; `power` (blocks, k) over the
-    noise."""
+def _log_likelihood_ratios(power: FloatArray, other_lines: float) -> FloatArray:
+    """Return the (k,) log of the likelihood ratio, averaged over sizes of the line; `power` (blocks, k)
+    relative to the noise.
+    """
     size = np.array(_SIZES)[:, None, None]
     other = np.log(max(other_lines, 1e-300)) - 2.0 * np.log1p(power)
     noise, line = -power, -power / (1.0 + size) - np.log1p(size)

@@ -32,9 +32,9 @@ class LowSpeedLosses:
     """Least speed that was looked at, and the limit."""
 
 
-def lost_counts(recording: Recording, radii_m: FloatArray) -> LowSpeedLosses | None:
-    """Return what is lost; None where nothing is, or where the drive does not tell. `radii_m` (4,) are the
-    car's.
+def low_speed_losses(recording: Recording, radii_m: FloatArray) -> LowSpeedLosses | None:
+    """Return the counts that wheels lose below a speed; None where there are none, or too few slow fixes.
+    `radii_m` (4,) are the car's.
     """
     use = np.isfinite(recording.speed_mps)
     time_s, speed = recording.fix_time_s[use], recording.speed_mps[use]
@@ -56,7 +56,7 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> LowSpeedLosses | N
         left = y - base @ values
         std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
         least = max(COUNTERS.lost_min_mps, COUNTERS.lost_errors * std)
-        best = _best(time_s, speed, left, here & (speed > least), std)
+        best = _best_limit(time_s, speed, left, here & (speed > least), std)
         if best is not None:
             found.append((wheel, *best))
     if not found:
@@ -75,10 +75,13 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> LowSpeedLosses | N
     )
 
 
-def _best(
+def _best_limit(
     time_s: FloatArray, speed: FloatArray, left: FloatArray, use: np.ndarray, std: float
 ) -> tuple[float, float, float, float, float] | None:
-    """Limit and share with their standard deviations, and the gain, of what is left (n,); None of no loss."""
+    """Return the speed limit and the share lost below it, both with standard deviations in the order limit,
+    its std, share, its std, then the gain; None where no loss is significant. `left` (n,) is the residual
+    speed.
+    """
     best: tuple[float, float, float, float] | None = None
     for limit in COUNTERS.lost_limits_mps:
         below = use & (speed < limit)
@@ -126,7 +129,7 @@ def _best(
 
 
 def _wheel_speeds(recording: Recording, radii_m: FloatArray, time_s: FloatArray) -> FloatArray:
-    """(m, 4) speeds of the wheels about these times; NaN where they were not read."""
+    """Return the (m, 4) wheel speeds at these times; NaN where they were not read."""
     edges = recording.edges_s
     out = np.full((len(time_s), 4), np.nan)
     for wheel in recording.wheels:

@@ -15,8 +15,10 @@ from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.rings.settings import COUNTERS
 
 
-def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
-    """(wheel, true number) of wheels whose radius is off by just what some teeth more or less would make."""
+def wheels_with_wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
+    """Return (wheel, true number of teeth) of wheels whose radius is off by the ratio of two whole numbers of
+    teeth.
+    """
     teeth = recording.car.teeth_per_rev
     if teeth > COUNTERS.max_teeth or len(recording.wheels) < 4:
         return []
@@ -24,14 +26,16 @@ def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, fl
     out = []
     for k in range(4):
         off = float(ratio[k] / np.median(np.delete(ratio, k)))
-        count = _count(teeth, off, COUNTERS.teeth_from_offset)
+        count = _true_teeth(teeth, off, COUNTERS.teeth_from_offset)
         if count is not None:
             out.append((WHEELS[k], count))
     return out
 
 
-def _count(teeth: float, off: float, least: float) -> float | None:
-    """Return the whole number of teeth that makes a radius look so far off; None where none does."""
+def _true_teeth(teeth: float, off: float, least: float) -> float | None:
+    """Return the whole number of teeth that explains the apparent radius ratio `off`; None where none
+    does.
+    """
     if abs(off - 1.0) < least:
         return None
     count = round(teeth / off)
@@ -46,9 +50,9 @@ def _count(teeth: float, off: float, least: float) -> float | None:
     )
 
 
-def one_recounted(recording: Recording) -> Recording:
-    """Return the recording with the angles of a wheel put right whose ring plainly has another number of
-    teeth.
+def with_single_ring_corrected(recording: Recording) -> Recording:
+    """Return the recording with the angles rescaled of a wheel whose ring clearly has another number of
+    teeth; else unchanged.
 
     A wheel that shows far fewer turns than the others over the whole drive: bends to either side cancel.
     """
@@ -58,20 +62,22 @@ def one_recounted(recording: Recording) -> Recording:
         return recording
     others = np.array([np.median(np.delete(turns, k)) for k in range(4)])
     teeth = recording.car.teeth_per_rev
-    return _put_right(
+    return _with_counts(
         recording,
-        [_count(teeth, float(others[k] / turns[k]), COUNTERS.teeth_at_once) for k in range(4)],
+        [_true_teeth(teeth, float(others[k] / turns[k]), COUNTERS.teeth_at_once) for k in range(4)],
     )
 
 
-def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
-    """Return the same where all wheels have another ring than is configured; `radii_m` (4,) are those that
-    the configured number gives.
+def with_all_rings_corrected(recording: Recording, radii_m: FloatArray) -> Recording:
+    """Return the recording with all angles rescaled where all rings have another number of teeth than is
+    configured; `radii_m` (4,) are those that the configured number gives.
     """
     if not _has_rings(recording) or any(count is not None for count in recording.counts_per_rev):
         return recording
     off = float(np.median(radii_m / recording.car.radius_m))
-    return _put_right(recording, [_count(recording.car.teeth_per_rev, off, COUNTERS.teeth_all_from)] * 4)
+    return _with_counts(
+        recording, [_true_teeth(recording.car.teeth_per_rev, off, COUNTERS.teeth_all_from)] * 4
+    )
 
 
 def _has_rings(recording: Recording) -> bool:
@@ -80,7 +86,7 @@ def _has_rings(recording: Recording) -> bool:
     return counted and recording.car.teeth_per_rev <= COUNTERS.max_teeth
 
 
-def _put_right(recording: Recording, counts: list[float | None]) -> Recording:
+def _with_counts(recording: Recording, counts: list[float | None]) -> Recording:
     if all(count is None for count in counts):
         return recording
     teeth = recording.car.teeth_per_rev

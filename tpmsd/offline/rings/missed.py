@@ -69,15 +69,15 @@ class _Pair:
     """(n,)"""
 
     def turned_rad(self, side: int) -> float:
-        """Angle by which a wheel turned."""
+        """Return the angle by which a wheel turned, rad."""
         return float(np.ptp(self.angle[:, side]))
 
-    def mean_less(self, side: int) -> float:
-        """Share of its counts that a wheel counts less than the other one shows, in the mean."""
+    def mean_missing_share(self, side: int) -> float:
+        """Return the mean fraction by which a wheel counts less than the other one shows."""
         return float(self.less[-1, side] - self.less[0, side]) / self.turned_rad(side)
 
     def counts_per_s(self, recording: Recording, side: int) -> float:
-        """Counts of a whole ring a second, in the mean."""
+        """Return the mean number of counts of a whole ring per second."""
         turns = self.turned_rad(side) / REVOLUTION_RAD
         return turns * recording.car.teeth_per_rev / (len(self.angle) * recording.dt_s)
 
@@ -86,12 +86,12 @@ def missed_counts(recording: Recording, reference: ReferenceTrajectory) -> list[
     """Return the wheels that lose counts; empty too where no usual ripple would show."""
     out = []
     for axle, pair in _pairs(recording, reference):
-        found = [_counts_missed_by(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
+        found = [_missed_by_wheel(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
         out += [one for one in found if one is not None]
     return out
 
 
-def possible_rates(
+def plausible_loss_rates(
     recording: Recording, reference: ReferenceTrajectory, within_nats: float
 ) -> dict[str, tuple[float, float]]:
     """Return, by wheel whose ripple shows, the least and greatest rate of lost counts (1/s; of added ones
@@ -104,7 +104,7 @@ def possible_rates(
             best = max(float(power.max()) for power in gains)
             if best < COUNTERS.lost_admit_nats:
                 continue
-            put_back, per_s = (0.0, pair.mean_less(side)), pair.counts_per_s(recording, side)
+            put_back, per_s = (0.0, pair.mean_missing_share(side)), pair.counts_per_s(recording, side)
             near = [np.flatnonzero(power > best - within_nats) for power in gains]
             ends = np.concatenate(near)
             mean = np.concatenate([shares[at] + more for at, more in zip(near, put_back, strict=True)])
@@ -121,12 +121,16 @@ def _pairs(recording: Recording, reference: ReferenceTrajectory) -> list[tuple[t
         for axle in AXLES
         if set(axle) <= set(recording.wheels) and bool((recording.quantum_rad[list(axle)] > 0.0).all())
     ]
-    pairs = [(axle, _pair(recording, reference, axle)) for axle in counted]
+    pairs = [(axle, _pair_of_axle(recording, reference, axle)) for axle in counted]
     return [(axle, pair) for axle, pair in pairs if pair is not None]
 
 
-def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int, int]) -> _Pair | None:
-    """None where the ripple of a usual ring would not be seen."""
+def _pair_of_axle(
+    recording: Recording, reference: ReferenceTrajectory, axle: tuple[int, int]
+) -> _Pair | None:
+    """Return the axle's wheels where both turn fast enough; None where the ripple of a usual ring would not
+    be seen.
+    """
     motion, car, dt_s = reference.motion, reference.car, recording.dt_s
     wheels = list(axle)
     rotation = recording.rotation_rad[:, wheels]
@@ -158,11 +162,12 @@ def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int,
     return _Pair(angle[use], np.stack([-slow, slow], axis=1)[use], rapid[use], block[use])
 
 
-def _counts_missed_by(recording: Recording, pair: _Pair, side: int, wheel: str) -> MissedCounts | None:
+def _missed_by_wheel(recording: Recording, pair: _Pair, side: int, wheel: str) -> MissedCounts | None:
+    """Return the counts that a wheel loses; None where the loss is not significant."""
     shares = LOST_SHARES.values
     as_counted = _ripple_gains(pair, side, False)
     ring_error = LOST_SHARES.ring_error
-    whole = np.where(_whole(_ripple_gains(pair, 1 - side, False)), as_counted, -math.inf)
+    whole = np.where(_possible_without_loss(_ripple_gains(pair, 1 - side, False)), as_counted, -math.inf)
     of_ring = float(shares[int(np.argmax(whole))])
     if abs(of_ring) <= ring_error:
         of_ring = 0.0
@@ -171,7 +176,7 @@ def _counts_missed_by(recording: Recording, pair: _Pair, side: int, wheel: str) 
     at = int(np.argmax(which))
     share = float(shares[at]) - of_ring
     if which is come_and_go:
-        share += pair.mean_less(side)
+        share += pair.mean_missing_share(side)
     gain = float(which[at] - whole.max())
     if gain < COUNTERS.lost_admit_nats or not 0 < at < len(shares) - 1:
         return None
@@ -184,9 +189,11 @@ def _counts_missed_by(recording: Recording, pair: _Pair, side: int, wheel: str) 
     return MissedCounts(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
 
 
-def _whole(other: FloatArray) -> np.ndarray:
-    """(shares,) which of them a counter shows that loses none: its ring has the counts of the configuration,
-    or those of the other wheel's ring, whose ripple has the power `other`: two encoders do not lose alike."""
+def _possible_without_loss(other: FloatArray) -> np.ndarray:
+    """Return (shares,) True for shares that a counter without losses can show: its ring has the configured
+    counts, or those of the other wheel's ring, whose ripple has the power `other`, since two encoders do not
+    lose alike.
+    """
     shares, error = LOST_SHARES.values, LOST_SHARES.ring_error
     as_configured = np.abs(shares) <= error
     best = int(np.argmax(other))
@@ -199,7 +206,9 @@ def _whole(other: FloatArray) -> np.ndarray:
 
 
 def _ripple_gains(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
-    """(shares,) log-likelihood gain of a once-per-revolution ripple, for each tried share of lost counts."""
+    """Return the (shares,) log-likelihood gain of a once-per-revolution ripple for each tried share of lost
+    counts.
+    """
     shares = LOST_SHARES.values
     out = np.zeros(len(shares))
     variance = float(pair.ripple.var())

@@ -108,12 +108,12 @@ class CounterSettings:
 
     @property
     def ripple_periods_s(self) -> FloatArray:
-        """Periods between readings that are tried, from none."""
+        """Trial periods between readings, s, from 0."""
         return np.linspace(0.0, self.ripple_longest_period_s, 11)
 
     @property
     def lost_limits_mps(self) -> FloatArray:
-        """Limits that are tried."""
+        """Trial speed limits below which counts are lost, m/s."""
         count = round((self.lost_max_limit_mps - self.lost_min_limit_mps) / self.lost_limit_step_mps)
         return np.linspace(self.lost_min_limit_mps, self.lost_max_limit_mps, count + 1)
 

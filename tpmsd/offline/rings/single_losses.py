@@ -90,11 +90,12 @@ class _CountSteps:
 def single_losses(
     windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float
 ) -> SingleLosses | None:
-    """Return the losses of the wheel that shows them best, if any.
+    """Return the losses of the wheel that shows them best; None where none are significant.
 
     `left` (w, 9) of the channels by the model; `count_m` (4,) distance of a wheel per count, zero where it
-    does not count; `gyro_radps` standard deviation of a window's yaw rate."""
-    distances = _distances(windows, left, count_m, gyro_radps)
+    does not count; `gyro_radps` standard deviation of a window's yaw rate.
+    """
+    distances = _distance_residuals(windows, left, count_m, gyro_radps)
     if not distances:
         return None
     most = max(distance.explained for distance in distances.values())
@@ -104,10 +105,10 @@ def single_losses(
     counts = distances[wheel].counts
     sign = -1.0 if float(np.mean(counts**3)) < 0.0 else 1.0
     counted = distances[wheel].counted
-    steps = _steps(sign * counts, counted)
+    steps = _fit_count_steps(sign * counts, counted)
     mean = steps.share * float(counted.mean())
-    gain = steps.log_likelihood - _symmetric(counts) - _not_at_random(counts, mean)
-    unlike = _unlike(
+    gain = steps.log_likelihood - _symmetric_log_likelihood(counts) - _misfit_of_random_losses(counts, mean)
+    unlike = _own_variance_log_likelihood_ratio(
         counts, [distance.counts for other, distance in distances.items() if other not in similar]
     )
     if _loss_log_likelihood_ratio(counts, mean) < COUNTERS.single_admit_nats:
@@ -116,7 +117,7 @@ def single_losses(
         return None
     if gain < COUNTERS.single_admit_nats or unlike < COUNTERS.lost_admit_nats:
         return None
-    by_growth = _growth(counts)
+    by_growth = _losses_by_variance_growth(counts)
     return SingleLosses(
         wheel=WHEELS[wheel],
         rate_per_s=-sign * 0.5 * (mean + by_growth) / WINDOW_S,
@@ -126,14 +127,16 @@ def single_losses(
         similar_wheels=tuple(WHEELS[other] for other in similar if other != wheel),
         gain=gain,
         unlike=unlike,
-        p_value=min(1.0, 2.0 * len(distances) * _by_chance(steps.ahead)),
+        p_value=min(1.0, 2.0 * len(distances) * _sign_test_p_value(steps.ahead)),
     )
 
 
-def _distances(
+def _distance_residuals(
     windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float
 ) -> dict[int, _Distances]:
-    """Return the losses by wheel; none of a wheel that the motion's own errors explain as well."""
+    """Return the residual distance by wheel; without wheels whose residual is mostly the motion's own
+    error.
+    """
     rows = [wheel for wheel in range(GYRO) if np.isfinite(left[:, wheel]).mean() > 0.5]
     if any(count_m[wheel] <= 0.0 for wheel in rows):
         return {}
@@ -148,7 +151,7 @@ def _distances(
     solved = np.linalg.pinv(design)
     onto = np.eye(len(rows)) - design @ solved
     rest = np.einsum("wij,wj->wi", onto, scaled)
-    level = np.stack([_around(one) for one in rest.T], axis=1)
+    level = np.stack([_less_block_mean(one) for one in rest.T], axis=1)
     out = {}
     for k, wheel in enumerate(rows):
         own = onto[:, k, k]
@@ -158,29 +161,35 @@ def _distances(
         explained = 0.5 * float(np.sum(rest[:, k] ** 2 / own))
         counted = windows.covariates["speed"][read] * WINDOW_S / count_m[wheel]
         mine = np.sum(onto[:, :, k] / np.sqrt(own)[:, None] * level, axis=1)
-        out[wheel] = _Distances(_around(error), counted, explained, _elsewhere(level, mine, len(rows) - 2))
+        out[wheel] = _Distances(
+            _less_block_mean(error),
+            counted,
+            explained,
+            _other_direction_log_likelihood(level, mine, len(rows) - 2),
+        )
     return out
 
 
-def _elsewhere(level: FloatArray, mine: FloatArray, size: int) -> float:
-    """Log-likelihood of scatter in the best one of all directions over that in a wheel's: of what is left
-    (w, r) in `size` dimensions, and of its part (w,) in the wheel's direction; noise is alike in the others.
+def _other_direction_log_likelihood(level: FloatArray, mine: FloatArray, size: int) -> float:
+    """Return the log-likelihood of scatter in the best of all directions less that of scatter in a wheel's
+    direction, nats: of residuals (w, r) in `size` dimensions, and of their part (w,) in the wheel's
+    direction; the noise is the same in all others.
     """
     if size < 2:
         return 0.0
     each = np.linalg.eigvalsh(level.T @ level / len(level))
     whole = max(float(each.sum()), 1e-30)
 
-    def fit(part: float) -> float:
+    def log_likelihood(part: float) -> float:
         rest = max((whole - part) / (size - 1), 1e-12 * whole)
         return -0.5 * len(level) * (math.log(max(part, 1e-12 * whole)) + (size - 1) * math.log(rest))
 
-    return fit(float(each[-1])) - fit(float(np.mean(mine**2)))
+    return log_likelihood(float(each[-1])) - log_likelihood(float(np.mean(mine**2)))
 
 
-def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
-    """Return by how many nats a wheel's own variance is likelier than the mean of the others' as that of
-    normal noise, an error of the wheel being in theirs as well; zero without others.
+def _own_variance_log_likelihood_ratio(values: FloatArray, others: list[FloatArray]) -> float:
+    """Return the log-likelihood ratio (nats) of a wheel's own variance against the mean of the others', for
+    normal noise; 0 without others, or if it is the smaller one.
     """
     if not others:
         return 0.0
@@ -188,8 +197,8 @@ def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
     return 0.5 * len(values) * (ratio - 1.0 - math.log(ratio)) if ratio > 1.0 else 0.0
 
 
-def _sums(values: FloatArray, windows: int) -> FloatArray:
-    """Sums over so many windows in a row."""
+def _block_sums(values: FloatArray, windows: int) -> FloatArray:
+    """Return the sums over each `windows` successive windows."""
     return np.asarray(values[: len(values) // windows * windows].reshape(-1, windows).sum(axis=1))
 
 
@@ -199,7 +208,7 @@ def _loss_log_likelihood_ratio(values: FloatArray, mean: float) -> float:
     Sums over n windows: losses (Poisson) add (n - 1) * mean to their variance, a bounded error nothing.
     """
     long = COUNTERS.single_sum_windows
-    sums = _sums(values, long)
+    sums = _block_sums(values, long)
     bounded = float(values.var())
     random = bounded + (long - 1) * mean
     return 0.5 * (
@@ -207,40 +216,44 @@ def _loss_log_likelihood_ratio(values: FloatArray, mean: float) -> float:
     )
 
 
-def _growth(values: FloatArray) -> float:
-    """Mean number of losses in a window by the growth of the sums' variance, whatever the bounded noise."""
+def _losses_by_variance_growth(values: FloatArray) -> float:
+    """Return the mean number of losses in a window, by the growth of the sums' variance with their length,
+    whatever the bounded noise.
+    """
     few = COUNTERS.single_few_windows[-1]
-    return (float(np.mean(_sums(values, few) ** 2)) - float(values.var())) / (few - 1)
+    return (float(np.mean(_block_sums(values, few) ** 2)) - float(values.var())) / (few - 1)
 
 
-def _not_at_random(values: FloatArray, mean: float) -> float:
-    """Log-likelihood that sums over a few windows lose where their scatter is that of losses at random,
-    `mean` in each window beside a bounded error, against a scatter of any size."""
+def _misfit_of_random_losses(values: FloatArray, mean: float) -> float:
+    """Return the log-likelihood (nats) by which sums over a few windows are less likely with the scatter of
+    random losses, `mean` in each window and a bounded error, than with a scatter of any size.
+    """
     bounded = max(float(values.var()) - mean, 0.0)
     lost = 0.0
     for windows in COUNTERS.single_few_windows:
-        sums = _sums(values, windows)
+        sums = _block_sums(values, windows)
         ratio = float(np.mean(sums**2)) / (windows * mean + bounded)
         lost += 0.5 * len(sums) * (ratio - 1.0 - math.log(ratio))
     return lost
 
 
-def _by_chance(ahead: FloatArray) -> float:
-    """Bound of the probability that a symmetric scatter speaks for steps of one sign as much: the sign of
-    each block of windows is then drawn (Hoeffding, J. Am. Stat. Assoc. 58, 1963, theorem 2)."""
-    blocks = _sums(ahead, COUNTERS.single_sum_windows)
+def _sign_test_p_value(ahead: FloatArray) -> float:
+    """Return an upper bound of the p-value: the probability that noise of random sign in each block favours
+    steps of one sign as much (Hoeffding, J. Am. Stat. Assoc. 58, 1963, theorem 2).
+    """
+    blocks = _block_sums(ahead, COUNTERS.single_sum_windows)
     return math.exp(-0.5 * max(float(blocks.sum()), 0.0) ** 2 / max(float(np.sum(blocks**2)), 1e-30))
 
 
-def _around(values: FloatArray) -> FloatArray:
-    """(w,) less the mean of their block: radii drift slowly."""
+def _less_block_mean(values: FloatArray) -> FloatArray:
+    """Return the (w,) values less the mean of their block: radii drift slowly."""
     block = np.arange(len(values)) // COUNTERS.single_block_windows
     mean = np.bincount(block, values) / np.bincount(block)
     return np.asarray(values - mean[block])
 
 
-def _steps(values: FloatArray, counted: FloatArray) -> _CountSteps:
-    """Upward steps: values (w,) are counts more than their mean, a share of those `counted` (w,)."""
+def _fit_count_steps(values: FloatArray, counted: FloatArray) -> _CountSteps:
+    """Fit random upward steps: values (w,) are counts above their mean, a share of those `counted` (w,)."""
     spread = float(values.var())
     most = 0.5 * spread + COUNTERS.single_stds * math.sqrt(spread) + 1.0
     number = np.arange(min(math.ceil(most), COUNTERS.single_max_steps))
@@ -255,15 +268,17 @@ def _steps(values: FloatArray, counted: FloatArray) -> _CountSteps:
     def negative(free: FloatArray) -> float:
         return -float(each(values, free).sum())
 
-    found = _least(negative, [math.log(0.5 * spread), 0.5 * math.log(0.5 * spread)])
+    found = _minimum(negative, [math.log(0.5 * spread), 0.5 * math.log(0.5 * spread)])
     share = math.exp(found[0]) / float(counted.mean())
     ahead = each(values, found) - each(-values, found)
-    return _CountSteps(share, share * math.sqrt(_variance(negative, found)), -negative(found), ahead)
+    return _CountSteps(
+        share, share * math.sqrt(_variance_by_curvature(negative, found)), -negative(found), ahead
+    )
 
 
-def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
-    """Return the standard deviation of the first of two values, the other one free, by the curvature of the
-    likelihood.
+def _variance_by_curvature(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
+    """Return the variance of the first of two parameters, the other one free, by the curvature of the
+    negative log-likelihood.
     """
     step = COUNTERS.single_probe * np.eye(2)
     middle = negative(at)
@@ -275,8 +290,10 @@ def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
     return 1.0 / max(bend, 1e-12)
 
 
-def _symmetric(values: FloatArray) -> float:
-    """Log-likelihood by Student's distribution of any size and freedom, less the constant of a normal one."""
+def _symmetric_log_likelihood(values: FloatArray) -> float:
+    """Return the log-likelihood by a Student distribution of fitted scale and freedom, without the constant
+    of a normal one.
+    """
 
     def negative(free: FloatArray) -> float:
         std, freedom = np.exp(free)
@@ -284,8 +301,9 @@ def _symmetric(values: FloatArray) -> float:
         tails = 0.5 * (freedom + 1.0) * np.log1p(np.square(values / std) / freedom)
         return float(tails.sum()) - len(values) * float(one - free[0])
 
-    return -negative(_least(negative, [0.5 * math.log(float(values.var())), math.log(30.0)]))
+    return -negative(_minimum(negative, [0.5 * math.log(float(values.var())), math.log(30.0)]))
 
 
-def _least(function: Callable[[FloatArray], float], start: list[float]) -> FloatArray:
+def _minimum(function: Callable[[FloatArray], float], start: list[float]) -> FloatArray:
+    """Return the minimum's position by the Nelder-Mead method."""
     return np.asarray(minimize(function, start, method="Nelder-Mead", options={"xatol": 1e-3}).x)

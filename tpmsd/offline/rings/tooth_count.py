@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.car.config.rules import TYRE_SIZE
 from tpmsd.car.rings.ring import counts_of, radius_of
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.rings.count_line import Blocks, cut, exact_powers, log_evidence
+from tpmsd.offline.rings.count_line import Blocks, exact_powers, log_evidence, residual_blocks
 from tpmsd.offline.rings.counter import Counter
 from tpmsd.offline.rings.settings import TOOTH_COUNTS, ToothCountSettings
 
@@ -57,7 +57,7 @@ class CountPrior:
 
     @property
     def expected(self) -> float:
-        """Mean of the narrowest part: roughly the number."""
+        """Mean of the first part, approximately the number of counts."""
         return self.parts[0][1]
 
     def log_density(self, numbers: FloatArray) -> FloatArray:
@@ -67,8 +67,9 @@ class CountPrior:
     def by_size(
         self, value: float, settings: ToothCountSettings = TOOTH_COUNTS
     ) -> tuple[float, float] | None:
-        """Return the mean and standard deviation of the size's part where `value` is hardly one of its
-        numbers."""
+        """Return the counts by the tyre's size, mean and standard deviation, if `value` contradicts them;
+        else None.
+        """
         if not self.has_size:
             return None
         at = np.array([value])
@@ -99,7 +100,7 @@ def count_prior(
 
 
 def tyre_radius_m(size: str, settings: ToothCountSettings = TOOTH_COUNTS) -> float | None:
-    """Return the rolling radius of a tyre by its size; None if it is no size."""
+    """Return the rolling radius of a tyre by its size, m; None if it is no size."""
     match = TYRE_SIZE.match(size.strip())
     if match is None:
         return None
@@ -120,14 +121,16 @@ def tooth_count(
     """
     prior = count_prior(per_metre, per_metre_std, tyre, settings)
     expected = prior.expected
-    blocks = cut(wheels, expected, settings)
+    blocks = residual_blocks(wheels, expected, settings)
     if expected > settings.max_ring_teeth:
-        return _encoder(prior, per_metre, blocks, settings)
+        return _count_of_encoder(prior, per_metre, blocks, settings)
     low = min(mean - 5 * std for _, mean, std in prior.parts)
     high = max(mean + 5 * std for _, mean, std in prior.parts)
     numbers = np.arange(max(1, int(low)), int(high) + 2).astype(np.float64)
-    log_weight = prior.log_density(numbers) + np.log([_usual(int(n)) for n in numbers])
-    log_weight = log_weight + log_evidence(blocks, numbers, _between(expected), settings.other_lines)
+    log_weight = prior.log_density(numbers) + np.log([_count_prior_weight(int(n)) for n in numbers])
+    log_weight = log_weight + log_evidence(
+        blocks, numbers, _numbers_between_integers(expected), settings.other_lines
+    )
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     order = np.argsort(-weight)
@@ -142,23 +145,26 @@ def tooth_count(
     )
 
 
-def _usual(number: int) -> float:
+def _count_prior_weight(number: int) -> float:
+    """Return the prior weight of a number of teeth."""
     return _COMMON_COUNTS.get(number, TOOTH_COUNTS.odd_count if number % 2 else TOOTH_COUNTS.even_count)
 
 
-def _between(expected: float) -> FloatArray:
-    """Return trial numbers around the expected one that no ring has: away from whole ones."""
+def _numbers_between_integers(expected: float) -> FloatArray:
+    """Return trial numbers around the expected one that no ring has: between the whole ones."""
     near = np.arange(math.floor(0.8 * expected), math.ceil(1.2 * expected) + 1)
     return np.asarray((near[:, None] + np.linspace(0.25, 0.75, 21)).ravel())
 
 
-def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: ToothCountSettings) -> ToothCount:
-    """Return a number of many counts: where the line is, or the tyre's radius alone."""
+def _count_of_encoder(
+    prior: CountPrior, per_metre: float, blocks: Blocks, settings: ToothCountSettings
+) -> ToothCount:
+    """Return the counts of an encoder with many counts: where the line is, or by the tyre's radius alone."""
     _, expected, spread = prior.parts[0]
     unknown = ToothCount(float(round(expected)), spread, 0.0, radius_of(expected, per_metre))
-    if blocks.longest <= 0.0:
+    if blocks.longest_counts <= 0.0:
         return unknown
-    grid, step = _trials(prior, blocks.longest, settings)
+    grid, step = _trial_numbers(prior, blocks.longest_counts, settings)
     density = prior.log_density(grid)
     # Each trial's threshold is lower by as much as the prior prefers it (weighted Bonferroni; Genovese,
     # Roeder and Wasserman 2006): with weights of mean one the rate of false lines is as without.
@@ -183,8 +189,10 @@ def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: Toot
     return ToothCount(value, std, settings.max_probability, radius_m, by_size=by_size)
 
 
-def _trials(prior: CountPrior, longest: float, settings: ToothCountSettings) -> tuple[FloatArray, float]:
-    """Return (k,) trial numbers, multiples of a step, around each part of the prior; and the step."""
+def _trial_numbers(
+    prior: CountPrior, longest: float, settings: ToothCountSettings
+) -> tuple[FloatArray, float]:
+    """Return the (k,) trial numbers, multiples of a step, around each part of the prior; and the step."""
     least, narrowest = min(mean for _, mean, _ in prior.parts), min(std for *_, std in prior.parts)
     step = min(least**2 / longest / settings.grid_per_line, 0.25 * narrowest)
     around = []
@@ -196,7 +204,7 @@ def _trials(prior: CountPrior, longest: float, settings: ToothCountSettings) -> 
 
 
 def _jackknife_std(power: FloatArray, grid: FloatArray) -> float:
-    """Return the standard error of the strongest number, blocks left out one by one."""
+    """Return the standard error of the number with the strongest line, blocks left out one by one."""
     count = len(power)
     if count < 2:
         return float(np.ptp(grid))

@@ -50,17 +50,24 @@ def ripples(recording: Recording, reference: ReferenceTrajectory) -> list[Ripple
     """Return the wheels whose teeth are uneven, the clearest first."""
     if len(recording.wheels) < 4:
         return []
-    rows, regressors, revolutions_hz, blocks = _prepared(recording, reference)
+    rows, regressors, revolutions_hz, blocks = _prepare_regression(recording, reference)
     if len(rows) < 10 * COUNTERS.ripple_block_ticks:
         return []
-    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, revolutions_hz))
-    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], revolutions_hz[:, k]))
+    found = _ripples_by_wheel(
+        rows, blocks, lambda k, rows: _smoothed_by_readings(k, rows, regressors, revolutions_hz)
+    )
+    folded = _ripples_by_wheel(
+        rows, blocks, lambda k, rows: _regressors_by_speed_range(regressors[:, k], revolutions_hz[:, k])
+    )
     plain = found[0].gain if found else 0.0
     return folded if folded and folded[0].gain > COUNTERS.ripple_folded_from * plain else found
 
 
-def _flattened(k: int, rows: FloatArray, regressors: FloatArray, revolutions_hz: FloatArray) -> FloatArray:
-    """(n, 2) sine and cosine of a wheel as they come through readings of the period that fits best.
+def _smoothed_by_readings(
+    k: int, rows: FloatArray, regressors: FloatArray, revolutions_hz: FloatArray
+) -> FloatArray:
+    """Return the (n, 2) sine and cosine of a wheel, attenuated by interpolation between readings of the
+    period that fits best.
 
     Linear interpolation between readings T apart leaves of a sine of f the share sinc2(f T).
     """
@@ -74,11 +81,11 @@ def _flattened(k: int, rows: FloatArray, regressors: FloatArray, revolutions_hz:
     return best
 
 
-def _one_by_one(
+def _ripples_by_wheel(
     rows: FloatArray, blocks: np.ndarray, form: Callable[[int, FloatArray], FloatArray]
 ) -> list[Ripple]:
-    """Return the wheels' ripples, the clearest first and taken out: a quarter of it stands in the other
-    wheels, too.
+    """Return the wheels' ripples, the clearest first; each is removed before the next is fitted, for a
+    quarter of it is in the other wheels.
 
     `form` gives a wheel's response (n, m) to sines and cosines.
     """
@@ -100,18 +107,18 @@ def _one_by_one(
     return found
 
 
-def _by_range(regressor: FloatArray, revolutions_hz: FloatArray) -> FloatArray:
-    """(n, 2 * RANGES) sine and cosine, each in its range of speeds alone."""
+def _regressors_by_speed_range(regressor: FloatArray, revolutions_hz: FloatArray) -> FloatArray:
+    """Return the (n, 2 * RANGES) sine and cosine, each zero outside its range of speeds."""
     edges = np.quantile(revolutions_hz, np.linspace(0.0, 1.0, COUNTERS.ripple_ranges + 1)[1:-1])
     here = np.searchsorted(edges, revolutions_hz)[:, None] == np.arange(COUNTERS.ripple_ranges)
     return np.concatenate([regressor[:, :1] * here, regressor[:, 1:] * here], axis=1)
 
 
-def _prepared(
+def _prepare_regression(
     recording: Recording, reference: ReferenceTrajectory
 ) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Rapid differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), turns per second (n, 4)
-    and blocks (n,).
+    """Return the high-pass differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), turns per
+    second (n, 4) and blocks (n,).
     """
     motion, car = reference.motion, reference.car
     turned = np.nan_to_num(recording.rotation_rad)
@@ -122,12 +129,12 @@ def _prepared(
     off = angle - expected / car.radius_m
     sigma = COUNTERS.ripple_high_pass_s / recording.dt_s
 
-    def rapid(values: FloatArray) -> FloatArray:
+    def high_pass(values: FloatArray) -> FloatArray:
         return np.asarray(values - gaussian(values, sigma, NEAREST))
 
-    rows = rapid(off)
+    rows = high_pass(off)
     rows = rows - rows.mean(axis=1, keepdims=True)
-    regressors = np.stack([rapid(np.sin(angle)), rapid(np.cos(angle))], axis=2)
+    regressors = np.stack([high_pass(np.sin(angle)), high_pass(np.cos(angle))], axis=2)
     whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
     broken = gaussian((~whole).astype(np.float64), sigma) > 0.02
     use = ~broken & (motion.speed_mps > COUNTERS.ripple_from_mps)
@@ -140,6 +147,9 @@ def _prepared(
 
 
 def _fit_ripple(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
+    """Return the ripple of a wheel by its response (n, m); None where it is not significant or not reproduced
+    on held-out blocks.
+    """
     y = rows[:, k]
     X = 0.75 * regressors  # a quarter went into the mean of the wheels
     variance = float(np.var(y))

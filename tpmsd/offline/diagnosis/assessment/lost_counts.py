@@ -20,7 +20,7 @@ from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
-from tpmsd.offline.rings.low_speed import LowSpeedLosses, lost_counts
+from tpmsd.offline.rings.low_speed import LowSpeedLosses, low_speed_losses
 from tpmsd.offline.rings.missed import MissedCounts, missed_counts
 from tpmsd.offline.rings.single_losses import SingleLosses, single_losses
 
@@ -36,7 +36,9 @@ def lost(regression: Regression, seconds: float) -> list[Finding]:
 
 def lost_in(drives: Sequence[DriveRegression]) -> list[LowSpeedLosses]:
     """Return the counts lost at low speed, of each drive that shows it."""
-    found = (lost_counts(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives)
+    found = (
+        low_speed_losses(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives
+    )
     return [one for one in found if one is not None]
 
 

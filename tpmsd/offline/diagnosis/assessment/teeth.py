@@ -19,7 +19,7 @@ from tpmsd.offline.diagnosis.assessment.simulated import BOTH, RECORDING
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
-from tpmsd.offline.rings.miscount import wrong_teeth
+from tpmsd.offline.rings.miscount import wheels_with_wrong_teeth
 from tpmsd.offline.rings.uneven_teeth import Ripple, ripples
 
 ALL = ""
@@ -128,7 +128,7 @@ def _wrong(regression: Regression, calibration: LeastSquaresFit) -> list[set[tup
         plain = {(wheel, count) for wheel, count in counts.items() if count is not None}
         if len(plain) == len(WHEELS) and len(set(counts.values())) == 1:
             plain = {(ALL, count) for _, count in plain}
-        faint = [] if plain else wrong_teeth(recording, radii)
+        faint = [] if plain else wheels_with_wrong_teeth(recording, radii)
         found.append({*plain, *faint})
         at += sum(name[0] in ALWAYS for name in drive.names)
     return found

@@ -13,13 +13,13 @@ import numpy as np
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import RL, RR
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.drive_checks.same_car import differing, same_car
+from tpmsd.offline.drive_checks.same_car import car_difference, check_same_car
 from tpmsd.offline.inference.count_age import without_common_age
 from tpmsd.offline.inference.count_rhythm import without_rhythms
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
-from tpmsd.offline.rings.miscount import all_recounted, one_recounted
+from tpmsd.offline.rings.miscount import with_all_rings_corrected, with_single_ring_corrected
 
 
 def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
@@ -27,7 +27,7 @@ def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, 
 
     ConfigError where the configurations describe different cars.
     """
-    same_car(recordings)
+    check_same_car(recordings)
     several = len(recordings) > 1
     notes = []
     readers: list[Reader] = []
@@ -49,7 +49,7 @@ def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], 
 
     ConfigError where the simulation is unfit, or of another car or another road.
     """
-    difference = differing(recording, simulation, teeth=False)
+    difference = car_difference(recording, simulation, teeth=False)
     if difference:
         raise ConfigError(f"the simulation is of another car: {difference}")
     readers = []
@@ -72,9 +72,9 @@ def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
     """Return its reader, once rings with plainly another number of teeth than configured are counted right,
     and less an age that all counts share.
     """
-    counted = without_common_age(without_rhythms(one_recounted(recording)))
+    counted = without_common_age(without_rhythms(with_single_ring_corrected(recording)))
     first = reference(counted)
-    right = all_recounted(counted, first.car.radius_m)
+    right = with_all_rings_corrected(counted, first.car.radius_m)
     return Reader(right, first if right is counted else reference(right), limit)
 
 

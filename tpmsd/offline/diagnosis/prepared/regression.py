@@ -30,7 +30,7 @@ from tpmsd.offline.inference.covariate_errors import covariate_stds
 from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.windows import Reader
-from tpmsd.offline.rings.missed import possible_rates
+from tpmsd.offline.rings.missed import plausible_loss_rates
 
 
 class Regression:
@@ -52,7 +52,7 @@ class Regression:
             drives.append(DriveRegression(reader, knots, own, block_s))
         self.drives = tuple(drives)
         nats = SETTINGS.hypotheses.impossible_nats
-        rates = [possible_rates(one.recording, one.reference, nats) for one in readers]
+        rates = [plausible_loss_rates(one.recording, one.reference, nats) for one in readers]
         car = limits_of(readers[0].reference.car, rates)
         self.hypotheses: Hypotheses = (
             self._single_drive_hypotheses(car) if len(readers) == 1 else self._joint_hypotheses(car)
