@@ -15,7 +15,7 @@ from tpmsd.car.physics.effect import Parameter
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.planning.conceal import LIMITS, LOSS_M, MOST, RecordingInformation, draw
+from tpmsd.offline.planning.conceal import LIMITS, LOSS_M, MOST, RecordingInformation, draw_effects
 
 LATE = {"gnss_latency": {"latency_s": 0.2}}
 
@@ -36,24 +36,29 @@ def test_the_limit_is_that_of_the_diagnosis(showing: RecordingInformation) -> No
     assert len(stated) > 3
     for one in stated:
         for name, (size, _) in one.smallest.items():
-            assert showing.limit(one.effect, name) == (math.inf if size is None else size)
+            assert showing.smallest_detectable_size(one.effect, name) == (math.inf if size is None else size)
 
 
 def test_sizes_are_twice_the_limit_and_plausible(showing: RecordingInformation) -> None:
     """Each of twelve is at least twice the limit and at most thrice the usual size."""
     names = set()
     for seed in range(12):
-        (effect,) = draw(showing, 1, np.random.default_rng(seed))
+        (effect,) = draw_effects(showing, 1, np.random.default_rng(seed))
         names.add(effect.name)
         values: dict[str, Any] = dict(effect.values())
         if effect.name == FAULT.name:
-            limit = showing.limit_of_loss(*(values[key] for key in ("wheel", "onset_s", "duration_s")))
+            limit = showing.smallest_detectable_loss(
+                *(values[key] for key in ("wheel", "onset_s", "duration_s"))
+            )
             size, usual = -values["deviation_m"], LOSS_M
         else:
             first = next(name for name, value in values.items() if isinstance(value, float) and value)
             parameter = next(p for p in EFFECTS[effect.name].parameters if p.name == first)
             assert isinstance(parameter, Parameter)
-            limit, size = showing.limit(effect.name, first), abs(values[first] - parameter.neutral)
+            limit, size = (
+                showing.smallest_detectable_size(effect.name, first),
+                abs(values[first] - parameter.neutral),
+            )
             usual = prior_scale(EFFECTS[effect.name], first)
         assert 0.99 * LIMITS[0] * limit <= size <= 1.01 * MOST * usual
     assert len(names) > 2
@@ -68,7 +73,7 @@ def test_what_the_recording_holds_is_known_and_not_drawn(
     often = {"inner_wheel_slip", "gyro_drift"}
 
     def drawn() -> set[str]:
-        return {draw(showing, 1, np.random.default_rng(seed))[0].name for seed in range(12)}
+        return {draw_effects(showing, 1, np.random.default_rng(seed))[0].name for seed in range(12)}
 
     assert often & drawn()
     monkeypatch.setattr(RecordingInformation, "present_effects", often)
@@ -79,9 +84,9 @@ def test_a_late_or_long_loss_is_harder_to_show(showing: RecordingInformation) ->
     """The limit falls with the time that a lost radius is there; beyond the end nothing shows."""
     duration_s = showing.duration_s
 
-    sizes = [showing.limit_of_loss("rl", share * duration_s, 0.0) for share in (0.5, 0.85, 0.95)]
+    sizes = [showing.smallest_detectable_loss("rl", share * duration_s, 0.0) for share in (0.5, 0.85, 0.95)]
 
     assert sizes == sorted(sizes)
     assert sizes[0] < 0.6 * sizes[-1]
-    assert showing.limit_of_loss("rl", duration_s + 10.0, 0.0) == math.inf
+    assert showing.smallest_detectable_loss("rl", duration_s + 10.0, 0.0) == math.inf
     assert make_effect(FAULT.name, wheel="rl", deviation_m=-sizes[0]) is not None

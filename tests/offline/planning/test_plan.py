@@ -12,7 +12,7 @@ from tests.car.physics.motions import car
 from tpmsd.interfaces.cli.main import main
 from tpmsd.interfaces.cli.plan import summary
 from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains
-from tpmsd.offline.planning.search import TARGET, Plan, planned
+from tpmsd.offline.planning.search import TARGET, Plan, search_plan
 from tpmsd.offline.simulator.manoeuvres import (
     LIBRARY,
     Manoeuvre,
@@ -51,7 +51,7 @@ def test_effects_that_look_similar_bring_little_beside_each_other() -> None:
 def test_a_plan_is_short_and_tells_all() -> None:
     """It brings what is wanted of each effect, and no manoeuvre can be left out."""
     equipment = Equipment(car())
-    plan = planned(PAIR, equipment, LIBRARY, 1800.0)
+    plan = search_plan(PAIR, equipment, LIBRARY, 1800.0)
 
     assert plan.identifies_all
     assert min(plan.gains.values()) >= TARGET
@@ -65,7 +65,7 @@ def test_what_no_sensor_reads_is_not_reported() -> None:
     equipment = Equipment(car(), gyro=False)
 
     assert {"yaw_rate_bias": 0.0} == gains([LIBRARY[7]], equipment, "yaw_rate_bias")
-    assert not planned(["yaw_rate_bias"], equipment, LIBRARY[:2], 200.0).identifies_all
+    assert not search_plan(["yaw_rate_bias"], equipment, LIBRARY[:2], 200.0).identifies_all
 
 
 def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,8 +81,8 @@ def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixtur
 def test_nothing_is_driven_for_what_cannot_be_detected_and_what_repeats_is_one_line() -> None:
     """Wear beside an effect that manoeuvres tell adds none to them; equal manoeuvres follow each other."""
     equipment = Equipment(car())
-    alone = planned(PAIR, equipment, LIBRARY, 1800.0)
-    both = planned([*PAIR, "wear"], equipment, LIBRARY, 1800.0)
+    alone = search_plan(PAIR, equipment, LIBRARY, 1800.0)
+    both = search_plan([*PAIR, "wear"], equipment, LIBRARY, 1800.0)
 
     assert alone.manoeuvres == both.manoeuvres
     assert (True, False, 0.0) == (alone.identifies_all, both.identifies_all, both.gains["wear"])
@@ -90,7 +90,7 @@ def test_nothing_is_driven_for_what_cannot_be_detected_and_what_repeats_is_one_l
     assert [f"  1. {LIBRARY[1].name}, 2 times", f"  2. {LIBRARY[0].name}", f"  3. {LIBRARY[1].name}"] == (
         summary(repeated).splitlines()[1:4]
     )
-    order = planned(("lateral_slip", "antenna_lever_arm"), equipment, LIBRARY, 1800.0).manoeuvres
+    order = search_plan(("lateral_slip", "antenna_lever_arm"), equipment, LIBRARY, 1800.0).manoeuvres
     assert list(order) == sorted(order, key=order.index)
 
 

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from tpmsd.foundation.provenance import provenance
-    from tpmsd.offline.planning.search import planned
+    from tpmsd.offline.planning.search import search_plan
     from tpmsd.offline.simulator.manoeuvres import LIBRARY, format_route
 
     outputs = Outputs(("--write", args.write), ("--json", args.json))
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--max-speed {args.max_speed:g}: no manoeuvre is as slow")
     equipment = _equipment_of(args)
     with Progress(1.0, "plan", rate=False) as progress:
-        plan = planned(effects, equipment, library, args.max_duration, progress.update)
+        plan = search_plan(effects, equipment, library, args.max_duration, progress.update)
     outputs.say(summary(plan))
     read = [one for one in (args.drive, args.vehicle) if one is not None]
     outputs.write(

@@ -111,14 +111,14 @@ def _inject_sealed(args: argparse.Namespace, onto: InjectionTarget) -> tuple[lis
     import numpy as np
 
     from tpmsd.car.physics.model import ExtendedModel
-    from tpmsd.offline.planning.conceal import RecordingInformation, draw
+    from tpmsd.offline.planning.conceal import RecordingInformation, draw_effects
     from tpmsd.offline.simulator.inject_recording import effects_document, inject
     from tpmsd.offline.simulator.sealed import SEALED, seal
 
     seed = secrets.randbits(63) if args.seed is None else args.seed
     with Progress(1.0, "examine") as progress:
         showing = RecordingInformation(onto.recording, progress.update)
-        model = ExtendedModel(draw(showing, args.conceal, np.random.default_rng(seed)))
+        model = ExtendedModel(draw_effects(showing, args.conceal, np.random.default_rng(seed)))
     changed = inject(onto, model, args.out, showing.latency_s)
     truth = {"onto": onto.drive.folder.resolve().name, "seed": seed, "effects": effects_document(model)}
     return changed, seal(args.out / SEALED, truth, secrets.token_bytes(SALT_BYTES))

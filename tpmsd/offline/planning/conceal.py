@@ -90,12 +90,12 @@ class RecordingInformation:
 
     @property
     def latency_s(self) -> float:
-        """Age of the fixes that the recording has of its own, s; 0 where none is found."""
+        """GNSS latency found in the recording itself, s; 0 where none is found."""
         found = [effect_of(one.term, one.values) for one in self.found.selection.chosen]
         return sum(one[0].fix_age_s() for one in found if one is not None)
 
-    def limit(self, name: str, parameter: str) -> float:
-        """Return the smallest size of an effect's parameter that the recording shows; infinite if none."""
+    def smallest_detectable_size(self, name: str, parameter: str) -> float:
+        """Return the smallest detectable size of an effect's parameter; infinite if none is."""
         terms = [
             t
             for t in self._regression.hypotheses.catalogue
@@ -106,9 +106,9 @@ class RecordingInformation:
         value, _ = sizes.get(parameter, (None, ""))
         return math.inf if value is None else value
 
-    def limit_of_loss(self, wheel: str, onset_s: float, duration_s: float) -> float:
-        """Return the smallest change (m) of a wheel's radius with this course that the recording shows;
-        infinite if none, or where the same course on another wheel looks the same.
+    def smallest_detectable_loss(self, wheel: str, onset_s: float, duration_s: float) -> float:
+        """Return the smallest detectable change (m) of a wheel's radius with this course; infinite if none
+        is, or where the same course on another wheel is confounded with it.
         """
         regression, drive = self._regression.copied(), self._regression.drives[0]
         wheels = [wheel, *(WHEELS[k] for k in self.wheels if WHEELS[k] != wheel)]
@@ -125,21 +125,22 @@ class RecordingInformation:
         return smallest_size(regression, selector, terms, gram, ramps[0])
 
 
-def draw(showing: RecordingInformation, count: int, rng: np.random.Generator) -> tuple[Effect, ...]:
+def draw_effects(showing: RecordingInformation, count: int, rng: np.random.Generator) -> tuple[Effect, ...]:
     """Return `count` different effects that are not confounded; ConfigError where the drive cannot show as
-    many."""
+    many.
+    """
     similar = {
         one.effect: {other for other, cosine in one.confounded_with if other != one.effect}
         for one in showing.identifiable
     }
     names = [one.effect for one in showing.identifiable if not _is_ambiguous(one)]
-    candidates = sorted({*filter(_usual, names), FAULT.name} - showing.present_effects)
+    candidates = sorted({*filter(_may_be_concealed, names), FAULT.name} - showing.present_effects)
     drawn: list[Effect] = []
     for index in rng.permutation(len(candidates)):
         name = candidates[int(index)]
         if any(name in similar.get(one.name, ()) or one.name in similar.get(name, ()) for one in drawn):
             continue
-        effect = _large_enough(showing, name, rng)
+        effect = _draw_detectable(showing, name, rng)
         if effect is not None:
             drawn.append(effect)
             if len(drawn) == count:
@@ -151,16 +152,17 @@ def draw(showing: RecordingInformation, count: int, rng: np.random.Generator) ->
 
 
 def _is_ambiguous(one: EffectIdentifiability) -> bool:
-    """Return whether another effect is confounded with it, other than one whose limit it is for small
-    values."""
+    """Return whether another effect is confounded with it, other than the one that it tends to for small
+    values.
+    """
     return any(
         cosine > MAX_SIMILAR and EFFECTS[other].confounding.limit != one.effect
         for other, cosine in one.confounded_with
     )
 
 
-def _usual(name: str) -> bool:
-    """Return whether an effect is one that acts of itself and that a recording does not hold already."""
+def _may_be_concealed(name: str) -> bool:
+    """Return whether an effect acts by itself and is not in every recording already."""
     effect = EFFECTS[name]
     if (
         effect.kind in (Kind.NONPARAMETRIC, Kind.NUISANCE)
@@ -169,11 +171,11 @@ def _usual(name: str) -> bool:
         or effect.confounding.mirror_of
     ):
         return False
-    return any(not by_slopes(probe.made()) for probe in _probes(name))
+    return any(not by_slopes(probe.made()) for probe in _fitted_parameters(name))
 
 
-def _probes(name: str) -> list[FittedParameter]:
-    """Return its numbers that are fitted, of each wheel pattern and at the middle of its grid."""
+def _fitted_parameters(name: str) -> list[FittedParameter]:
+    """Return an effect's fitted parameters, for each wheel pattern and at the middle of its grid."""
     grid = EFFECTS[name].nonlinear.grid
     return [
         probe
@@ -182,72 +184,86 @@ def _probes(name: str) -> list[FittedParameter]:
     ]
 
 
-def _large_enough(showing: RecordingInformation, name: str, rng: np.random.Generator) -> Effect | None:
-    """Return one draw of an effect that the drive shows; None where no plausible size is large enough."""
+def _draw_detectable(showing: RecordingInformation, name: str, rng: np.random.Generator) -> Effect | None:
+    """Return a random effect of this name that the drive can show; None where no plausible size is large
+    enough.
+    """
     if name != FAULT.name:
-        return _drawn(showing, name, rng)
+        return _draw_effect(showing, name, rng)
     for _ in range(TRIES):
-        effect = _fault(showing, rng)
+        effect = _draw_loss(showing, rng)
         if effect is not None:
             return effect
     return None
 
 
-def _fault(showing: RecordingInformation, rng: np.random.Generator) -> Effect | None:
-    """Return a tyre that loses air at once or within minutes, in the middle half of the drive; None where
-    that cannot be shown."""
+def _draw_loss(showing: RecordingInformation, rng: np.random.Generator) -> Effect | None:
+    """Return a random loss of air, at once or within minutes, in the middle half of the drive; None where it
+    cannot be shown.
+    """
     wheel, long_s = WHEELS[int(rng.choice(showing.wheels))], float(rng.choice([0.0, 30.0, 120.0]))
-    onset_s = _short(float(rng.uniform(0.3, 0.6)) * showing.duration_s)
-    size = _size(rng, LOSS_M, showing.limit_of_loss(wheel, onset_s, long_s))
+    onset_s = _three_digits(float(rng.uniform(0.3, 0.6)) * showing.duration_s)
+    size = _draw_size(rng, LOSS_M, showing.smallest_detectable_loss(wheel, onset_s, long_s))
     if size is None:
         return None
-    return make_effect(FAULT.name, wheel=wheel, deviation_m=_short(-size), onset_s=onset_s, duration_s=long_s)
+    return make_effect(
+        FAULT.name, wheel=wheel, deviation_m=_three_digits(-size), onset_s=onset_s, duration_s=long_s
+    )
 
 
-def _drawn(showing: RecordingInformation, name: str, rng: np.random.Generator) -> Effect | None:
-    """Return an effect with its first number at a size that is shown, on wheels that are read; None where
-    there is none."""
-    known = _probes(name)
+def _draw_effect(showing: RecordingInformation, name: str, rng: np.random.Generator) -> Effect | None:
+    """Return an effect with a random detectable value of its first parameter, on wheels that are read; None
+    where there is none.
+    """
+    known = _fitted_parameters(name)
     first = known[0].parameter if known else ""
     usable = [
-        probe for probe in known if probe.parameter == first and _is_read(probe.wheel_pattern, showing.wheels)
+        probe
+        for probe in known
+        if probe.parameter == first and _wheels_are_read(probe.wheel_pattern, showing.wheels)
     ]
     if not usable:
         return None
     probe, cls = usable[int(rng.integers(len(usable)))], EFFECTS[name]
     if not first:
-        return probe.made() if LIMITS[0] * showing.limit(name, first) <= prior_scale(cls, first) else None
-    size = _size(rng, prior_scale(cls, first), showing.limit(name, first))
+        return (
+            probe.made()
+            if LIMITS[0] * showing.smallest_detectable_size(name, first) <= prior_scale(cls, first)
+            else None
+        )
+    size = _draw_size(rng, prior_scale(cls, first), showing.smallest_detectable_size(name, first))
     if size is None:
         return None
     sign = 1.0 if cls.one_sign else float(rng.choice([-1.0, 1.0]))
     parameter = next(p for p in cls.parameters if p.name == first)
     assert isinstance(parameter, Parameter)
-    value = _short(parameter.neutral + sign * size)
+    value = _three_digits(parameter.neutral + sign * size)
     low, high = parameter.limits
     return replace(probe, value=value).made() if low <= value <= high else None
 
 
-def _size(rng: np.random.Generator, usual: float, limit: float) -> float | None:
-    """Return a usual size, or twice the limit where that is more; None where that is not plausible."""
+def _draw_size(rng: np.random.Generator, usual: float, limit: float) -> float | None:
+    """Return a random size of the usual order, or about twice the limit where that is more; None where that
+    is not plausible.
+    """
     size = max(float(rng.uniform(*SIZES)) * usual, float(rng.uniform(*LIMITS)) * limit)
     return size if size <= MOST * usual else None
 
 
 def _cosine_to_others(gram: FloatArray, at: Sequence[int]) -> float:
-    """Return the greatest cosine, of either sign, of the first of some columns to the others."""
+    """Return the greatest absolute cosine of the first of some columns to the others."""
     inner = gram[np.ix_(at, at)]
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     return float(np.max(np.abs(inner[0, 1:]) / (size[0] * size[1:]), initial=0.0))
 
 
-def _is_read(pattern: str, wheels: Sequence[int]) -> bool:
-    """Return whether all wheels of a pattern are read; what has no pattern knows its wheels itself."""
+def _wheels_are_read(pattern: str, wheels: Sequence[int]) -> bool:
+    """Return whether all wheels of a pattern are read; True for an effect without a pattern."""
     return not pattern or set(wheels_of(pattern)) <= set(wheels)
 
 
-def _short(value: float) -> float:
-    """Return three digits: the precision of a stated truth."""
+def _three_digits(value: float) -> float:
+    """Return the value rounded to three digits, the precision of a stated truth."""
     if value == 0.0:
         return 0.0
     digits = 2 - math.floor(math.log10(abs(value)))

@@ -47,10 +47,11 @@ class Equipment:
 
 
 def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str]) -> dict[str, float]:
-    """Return nats by effect, at its typical value, with calibration and the other effects fitted along; zero
-    for one that the drive has no readings for. `motion` has a step of `DT_S`.
+    """Return the expected log-likelihood gain (nats) by effect, at its typical value, with calibration and
+    the other effects fitted jointly; zero for one that the drive has no readings for. `motion` has a step of
+    `DT_S`.
     """
-    reader = _reader(motion, equipment)
+    reader = _noise_free_reader(motion, equipment)
     here = available(reader)
     shown = [
         name
@@ -60,20 +61,21 @@ def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str])
     calibration = radius_columns(reader)
     columns = catalogue_columns(reader, only=frozenset(shown))
     names = [*calibration.names, *columns.names]
-    noise = _noise(equipment, reader)
+    noise = _reading_noise(equipment, reader)
     whitener = Whitener.of(reader.windows, noise, np.isfinite(reader.windows.measured))
     rows = whitener.apply_all(calibration.stack + columns.stack).reshape(-1, len(names))
     gram = rows.T @ rows
     out = dict.fromkeys(effects, 0.0)
     for name in shown:
-        out[name] = _gain(gram, names, name)
+        out[name] = _expected_gain(gram, names, name)
     return out
 
 
-def _gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> float:
+def _expected_gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> float:
     """Return the log-likelihood gain (nats) of the effect with its first wheel pattern and the middle of its
-    grid."""
-    own = _columns(names, effect)
+    grid.
+    """
+    own = _effect_columns(names, effect)
     others = [k for k, name in enumerate(names) if name[0] != effect]
     size = np.array([prior_scale(EFFECTS[effect], names[k][1]) for k in own])
     inner = gram[np.ix_(others, others)]
@@ -84,7 +86,8 @@ def _gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> fl
     return max(0.5 * float(size @ left @ size), 0.0)
 
 
-def _columns(names: Sequence[tuple[str, ...]], effect: str) -> list[int]:
+def _effect_columns(names: Sequence[tuple[str, ...]], effect: str) -> list[int]:
+    """Return the column indices of an effect with its first wheel pattern and the middle of its grid."""
     keys = [name for name in names if name[0] == effect]
     grid = EFFECTS[effect].nonlinear.grid
     ends = {name[2:] for name in keys}
@@ -93,8 +96,8 @@ def _columns(names: Sequence[tuple[str, ...]], effect: str) -> list[int]:
     return [k for k, name in enumerate(names) if name[0] == effect and name[2:] == kept]
 
 
-def _reader(motion: Motion, equipment: Equipment) -> Reader:
-    """Return the reader of a recording without noise whose motion is known before."""
+def _noise_free_reader(motion: Motion, equipment: Equipment) -> Reader:
+    """Return the reader of a recording without noise whose motion is known exactly."""
     car = equipment.car
     turned = np.diff(wheel_angles(motion, car, ExtendedModel()), axis=0)
     n = len(turned)
@@ -132,7 +135,7 @@ def _reader(motion: Motion, equipment: Equipment) -> Reader:
     return Reader(recording, reference)
 
 
-def _noise(equipment: Equipment, reader: Reader) -> Noise:
+def _reading_noise(equipment: Equipment, reader: Reader) -> Noise:
     if equipment.noise is not None:
         return equipment.noise
     quantum = reader.recording.quantum_rad / np.sqrt(2.0) * equipment.car.radius_m

@@ -43,7 +43,7 @@ class Plan:
         return reaches_target(self.gains, TARGET)
 
 
-def planned(
+def search_plan(
     effects: Sequence[str],
     equipment: Equipment,
     library: Sequence[Manoeuvre],
@@ -56,33 +56,35 @@ def planned(
     them, but get no manoeuvre.
     """
 
-    def tried(manoeuvres: Sequence[Manoeuvre]) -> Plan:
+    def evaluate(manoeuvres: Sequence[Manoeuvre]) -> Plan:
         steps = steps_of(manoeuvres)
         motion = motion_of(steps, equipment.car.geometry.wheelbase_m, 1.0 / DT_S)
         gains = expected_gains(motion, equipment, effects)
         return Plan(tuple(manoeuvres), gains, sum(step.duration_s for step in steps))
 
     wanted = list(effects)
-    best = _searched(effects, wanted, library, longest_s, tried, progress)
+    best = _grow_plan(effects, wanted, library, longest_s, evaluate, progress)
     if not best.identifies_all:
         wanted = [name for name in effects if best.gains[name] >= TARGET]
         if wanted:
-            best = _searched(effects, wanted, library, longest_s, tried, progress)
-    return _grouped(_pruned(best, wanted, tried), wanted, tried)
+            best = _grow_plan(effects, wanted, library, longest_s, evaluate, progress)
+    return _group_equal_manoeuvres(_prune(best, wanted, evaluate), wanted, evaluate)
 
 
-def _searched(
+def _grow_plan(
     effects: Sequence[str],
     wanted: Sequence[str],
     library: Sequence[Manoeuvre],
     longest_s: float,
-    tried: Callable[[Sequence[Manoeuvre]], Plan],
+    evaluate: Callable[[Sequence[Manoeuvre]], Plan],
     progress: Callable[[float], None],
 ) -> Plan:
-    """Return a plan that was grown until it identifies the `wanted` ones, or nothing raises the criterion."""
+    """Return a plan grown manoeuvre by manoeuvre until it identifies the `wanted` effects, or no manoeuvre
+    raises the criterion.
+    """
     best = Plan((), dict.fromkeys(effects, 0.0), 0.0)
-    while len(best.manoeuvres) < MOST and not _reaches(best, wanted):
-        options = [tried([*best.manoeuvres, one]) for one in library]
+    while len(best.manoeuvres) < MOST and not _identifies(best, wanted):
+        options = [evaluate([*best.manoeuvres, one]) for one in library]
         options = [one for one in options if one.duration_s <= longest_s]
         if not options:
             break
@@ -93,15 +95,15 @@ def _searched(
         if _criterion(ahead, wanted) <= now and len(best.manoeuvres) >= WARM_UP:
             break
         best = ahead
-        progress(min(_share(best, wanted), 0.95))
+        progress(min(_fraction_of_target(best, wanted), 0.95))
     return best
 
 
-def _reaches(plan: Plan, wanted: Sequence[str]) -> bool:
+def _identifies(plan: Plan, wanted: Sequence[str]) -> bool:
     return reaches_target({name: plan.gains[name] for name in wanted}, TARGET)
 
 
-def _pruned(plan: Plan, wanted: Sequence[str], tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
+def _prune(plan: Plan, wanted: Sequence[str], evaluate: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
     """Return the plan without manoeuvres that the `wanted` effects do not need, the longest first."""
     if not wanted:
         return plan
@@ -109,26 +111,32 @@ def _pruned(plan: Plan, wanted: Sequence[str], tried: Callable[[Sequence[Manoeuv
         while one in plan.manoeuvres and len(plan.manoeuvres) > 1:
             rest = list(plan.manoeuvres)
             rest.remove(one)
-            shorter = tried(rest)
-            if not _reaches(shorter, wanted):
+            shorter = evaluate(rest)
+            if not _identifies(shorter, wanted):
                 break
             plan = shorter
     return plan
 
 
-def _grouped(plan: Plan, wanted: Sequence[str], tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
-    """Return the plan with equal manoeuvres together, where it identifies the `wanted` in that order too."""
+def _group_equal_manoeuvres(
+    plan: Plan, wanted: Sequence[str], evaluate: Callable[[Sequence[Manoeuvre]], Plan]
+) -> Plan:
+    """Return the plan with equal manoeuvres next to each other, if it identifies the `wanted` in that order
+    too.
+    """
     together = sorted(plan.manoeuvres, key=plan.manoeuvres.index)
     if together == list(plan.manoeuvres):
         return plan
-    grouped = tried(together)
-    return grouped if wanted and _reaches(grouped, wanted) else plan
+    grouped = evaluate(together)
+    return grouped if wanted and _identifies(grouped, wanted) else plan
 
 
 def _criterion(plan: Plan, wanted: Sequence[str]) -> float:
+    """Return the sum of the wanted effects' log gains, each gain between `LEAST` and `TARGET`."""
     return sum(math.log(min(max(plan.gains[name], LEAST), TARGET)) for name in wanted)
 
 
-def _share(plan: Plan, wanted: Sequence[str]) -> float:
+def _fraction_of_target(plan: Plan, wanted: Sequence[str]) -> float:
+    """Return the criterion as a fraction of its range, 0 to 1."""
     worst, best = math.log(LEAST), math.log(TARGET)
     return (_criterion(plan, wanted) / len(wanted) - worst) / (best - worst)
