@@ -11,7 +11,7 @@ import pytest
 from tests.offline.dynamics.drives import folder
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.signals.denoise import denoised
+from tpmsd.offline.signals.denoise import smooth_series
 from tpmsd.offline.signals.drive import make_drive
 from tpmsd.offline.signals.read import read_signals
 
@@ -27,7 +27,7 @@ def _braking(hz: float) -> tuple[FloatArray, FloatArray]:
 def test_noise_of_a_speed_goes_and_its_motion_is_not_delayed(hz: float, noise: float, left: float) -> None:
     time, speed = _braking(hz)
     readings = speed + np.random.default_rng(1).normal(0.0, noise, len(time))
-    error = denoised(time, readings, 5.0) - speed
+    error = smooth_series(time, readings, 5.0) - speed
     rate = np.gradient(speed, time)
     assert np.std(error) < left * noise
     assert abs(float(np.sum(error * rate) / np.sum(rate**2))) < 0.002  # seconds of delay
@@ -35,7 +35,7 @@ def test_noise_of_a_speed_goes_and_its_motion_is_not_delayed(hz: float, noise: f
 
 def test_a_speed_without_noise_stays_as_it_is() -> None:
     time, speed = _braking(50.0)
-    assert np.array_equal(denoised(time, speed, 5.0), speed)
+    assert np.array_equal(smooth_series(time, speed, 5.0), speed)
 
 
 def test_what_is_missing_lies_between_its_neighbours() -> None:
@@ -43,7 +43,7 @@ def test_what_is_missing_lies_between_its_neighbours() -> None:
     readings = np.where(np.arange(len(time)) % 5 == 2, speed, np.nan)
     readings[3000:4000] = np.nan
     noisy = readings + np.random.default_rng(2).normal(0.0, 0.05, len(time))
-    out = denoised(time, noisy, 5.0)
+    out = smooth_series(time, noisy, 5.0)
     known = np.flatnonzero(np.isfinite(noisy))
     assert np.all(out[: known[0]] == out[known[0]])
     ends = out[[known[known < 3000][-1], known[known >= 4000][0]]]

@@ -16,8 +16,8 @@ MIN_NOISE = 1e-5
 """Noise over the series' range below which it is taken as it is: the readings of a simulator, rounded."""
 
 
-def denoised(time_s: FloatArray, values: FloatArray, rate_walk: float) -> FloatArray:
-    """Return the likeliest series x (n,) of readings y with white noise, whose rate is a random walk.
+def smooth_series(time_s: FloatArray, values: FloatArray, rate_walk: float) -> FloatArray:
+    """Return the most likely (n,) series behind readings with white noise, if its rate is a random walk.
 
     It minimises sum (y - x)^2 / R + sum h (slope change / h)^2 / q, with R by fourth differences, q the
     square of `rate_walk` (unit of the rate per square root of a second) and h the mean of two steps: the

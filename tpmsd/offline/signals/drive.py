@@ -30,7 +30,7 @@ from tpmsd.offline.signals.columns import (
     STEERING_WHEEL,
     WHEELS,
 )
-from tpmsd.offline.signals.denoise import denoised
+from tpmsd.offline.signals.denoise import smooth_series
 from tpmsd.offline.signals.read import SignalTable
 
 MAX_HZ = 105.0
@@ -65,8 +65,8 @@ MOVED_BY_STEERING = tuple(
 DRIVE_SHARES = {"front": 1.0, "rear": 0.0, "all": 0.5}
 
 
-def car_of(tables: CarTables, ratio: float) -> DynamicCar:
-    """Return the car as the baselines know it; `ratio` is that of the recorded steering angle."""
+def dynamic_car(tables: CarTables, ratio: float) -> DynamicCar:
+    """Return the car as the baseline models take it; `ratio` is that of the recorded steering angle."""
     d = tables.dynamics
     assert d.mass_kg is not None
     assert d.yaw_inertia_kgm2 is not None
@@ -100,32 +100,32 @@ def make_drive(
     """Return the baseline of this car, and the drive with the outputs that were recorded."""
     if len(table.time_s) < MIN_VALUES:
         raise InputError(table.file, f"{len(table.time_s)} rows: {MIN_VALUES} are needed at least")
-    thinned = _thinned(table)
+    thinned = _decimated_columns(table)
     if len(thinned["time_s"]) < MIN_VALUES:
         span_s = table.time_s[-1] - table.time_s[0]
         raise InputError(
             table.file, f"its rows span {span_s:.2g} s: {MIN_VALUES / MAX_HZ:.2g} s are needed at least"
         )
-    columns, notes = _informative(thinned)
+    columns, notes = _varying_columns(thinned)
     time = columns["time_s"] - columns["time_s"][0]
-    steer, ratio = _steering(table, columns, tables, time)
-    given = _forces_given(columns)
-    forces = BASELINES[baseline].nonlinear and len(given) == 2 and _has(columns, OUTPUTS["speed"])
-    of_speed = not forces and not _has(columns, OUTPUTS["accel_long"])
-    model = BASELINES[baseline](car_of(tables, ratio), forces, of_speed)
+    steer, ratio = _road_wheel_angle(table, columns, tables, time)
+    given = _recorded_force_sums(columns)
+    forces = BASELINES[baseline].nonlinear and len(given) == 2 and _has_values(columns, OUTPUTS["speed"])
+    of_speed = not forces and not _has_values(columns, OUTPUTS["accel_long"])
+    model = BASELINES[baseline](dynamic_car(tables, ratio), forces, of_speed)
     speed = _speed(table, columns, tables, time)
     inputs = make_inputs(
         time,
         steer,
         speed,
-        _ahead(columns, time, speed),
+        _longitudinal_acceleration(columns, time, speed),
         _drive_force(columns, tables, time),
-        _input(columns, BRAKE, time),
+        _filled_column(columns, BRAKE, time),
     )
     outputs = {
         output: columns[column]
         for output, column in OUTPUTS.items()
-        if output in model.outputs() and _has(columns, column)
+        if output in model.outputs() and _has_values(columns, column)
     }
     if "velocity_lat" in outputs:
         outputs.pop("side_slip", None)  # both say the same, mostly from one instrument
@@ -140,8 +140,8 @@ def make_drive(
     return model, DynamicsDrive(name, inputs, outputs, forces, float(columns["time_s"][0]), key, tuple(notes))
 
 
-def _informative(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[str]]:
-    """Return the columns that tell something, and a note on each of the others.
+def _varying_columns(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[str]]:
+    """Return the columns that vary, and a note on each of the others.
 
     A column without values tells nothing, nor does one that stands still where the car cannot: loggers write
     0 for a sensor that is not there.
@@ -152,23 +152,23 @@ def _informative(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray],
         if count < MIN_VALUES:
             notes.append(f"{name} has {count or 'no'} values: nothing is read from it")
             del left[name]
-    must = MOVED_BY_STEERING if any(_moves(left, name) for name in (ROAD_WHEEL, STEERING_WHEEL)) else ()
-    if _moves(left, OUTPUTS["speed"]):
+    must = MOVED_BY_STEERING if any(_varies(left, name) for name in (ROAD_WHEEL, STEERING_WHEEL)) else ()
+    if _varies(left, OUTPUTS["speed"]):
         must = (*must, OUTPUTS["accel_long"])
     for name in must:
-        if name in left and not _moves(left, name):
+        if name in left and not _varies(left, name):
             notes.append(f"{name} is {np.nanmax(left[name]):g} throughout: nothing is read from it")
             del left[name]
     return left, notes
 
 
-def _moves(columns: dict[str, FloatArray], name: str) -> bool:
-    """Return True if a column has more than one value."""
+def _varies(columns: dict[str, FloatArray], name: str) -> bool:
+    """Return whether a column has more than one value."""
     return name in columns and float(np.nanmax(columns[name]) - np.nanmin(columns[name])) > 0.0
 
 
-def _thinned(table: SignalTable) -> dict[str, FloatArray]:
-    """Return the columns at no more than `MAX_HZ`, a missing value taken from the rows between."""
+def _decimated_columns(table: SignalTable) -> dict[str, FloatArray]:
+    """Return the columns at no more than `MAX_HZ`, a missing value taken from the next rows."""
     time = table.time_s
     step = float(np.median(np.diff(time)))
     every = min(int(np.floor(1.0 / (step * MAX_HZ))), len(time)) if step * MAX_HZ < 1.0 else 1
@@ -185,36 +185,37 @@ def _thinned(table: SignalTable) -> dict[str, FloatArray]:
     return out
 
 
-def _has(columns: dict[str, FloatArray], name: str) -> bool:
+def _has_values(columns: dict[str, FloatArray], name: str) -> bool:
     return name in columns and int(np.isfinite(columns[name]).sum()) >= MIN_VALUES
 
 
-def _forces_given(columns: dict[str, FloatArray]) -> list[str]:
+def _recorded_force_sums(columns: dict[str, FloatArray]) -> list[str]:
     """Return which of the two sums of forces are recorded: with one alone the other is unknown, not 0."""
-    driven = any(_has(columns, name) for name in (DRIVE, DRIVE_TORQUE))
-    return [name for name, known in (("drive", driven), ("brake", _has(columns, BRAKE))) if known]
+    driven = any(_has_values(columns, name) for name in (DRIVE, DRIVE_TORQUE))
+    return [name for name, known in (("drive", driven), ("brake", _has_values(columns, BRAKE))) if known]
 
 
-def _input(columns: dict[str, FloatArray], name: str, time: FloatArray) -> FloatArray | None:
-    return filled(time, columns[name]) if _has(columns, name) else None
+def _filled_column(columns: dict[str, FloatArray], name: str, time: FloatArray) -> FloatArray | None:
+    """Return a column with gaps filled; None where it has too few values."""
+    return filled(time, columns[name]) if _has_values(columns, name) else None
 
 
 def _drive_force(columns: dict[str, FloatArray], tables: CarTables, time: FloatArray) -> FloatArray | None:
-    """Return the drive force, of the torque at the wheels where no force is recorded."""
-    force = _input(columns, DRIVE, time)
-    torque = _input(columns, DRIVE_TORQUE, time)
+    """Return the drive force: recorded, else by the torque at the wheels; None without either."""
+    force = _filled_column(columns, DRIVE, time)
+    torque = _filled_column(columns, DRIVE_TORQUE, time)
     if force is None and torque is not None:
         return torque / tables.wheel_radius_m
     return force
 
 
-def _steering(
+def _road_wheel_angle(
     table: SignalTable, columns: dict[str, FloatArray], tables: CarTables, time: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the configured road-wheel angle, and the ratio of what is recorded."""
-    if _has(columns, ROAD_WHEEL):
+    """Return the road-wheel angle as configured, rad, and the ratio of the recorded angle."""
+    if _has_values(columns, ROAD_WHEEL):
         return filled(time, columns[ROAD_WHEEL]), 1.0
-    if not _has(columns, STEERING_WHEEL):
+    if not _has_values(columns, STEERING_WHEEL):
         raise InputError(table.file, f"neither {ROAD_WHEEL} nor {STEERING_WHEEL} has values", 1)
     if tables.steering_ratio is None:
         raise InputError(tables.file, f"[vehicle] steering_ratio is missing: {STEERING_WHEEL} needs it")
@@ -229,7 +230,8 @@ def _check_steering(
     speed: FloatArray,
     car: DynamicCar,
 ) -> None:
-    """InputError where the road wheels turn farther than any car's, or the yaw rate against the steering.
+    """Raise InputError where the road wheels turn farther than any car's, or the yaw rate against the
+    steering.
 
     The yaw rate is compared with that of a car without slip, u delta / l, at ordinary steering angles.
     """
@@ -237,7 +239,7 @@ def _check_steering(
     if largest > MAX_ROAD_WHEEL_RAD:
         what = f"the steering reaches {largest:.1f} rad at the road wheels"
         raise InputError(table.file, f"{what}: in degrees, or steering_ratio missing?", 1)
-    if not _has(columns, OUTPUTS["yaw_rate"]):
+    if not _has_values(columns, OUTPUTS["yaw_rate"]):
         return
     yaw = filled(time, columns[OUTPUTS["yaw_rate"]])
     turned = float(np.ptp(np.cumsum((yaw - float(np.median(yaw)))[1:] * np.diff(time))))
@@ -255,12 +257,12 @@ def _check_steering(
         raise InputError(
             table.file, f"the yaw rate is {gain:.0f} times what the steering makes: in deg/s?", 1
         )
-    if _has(columns, OUTPUTS["accel_lat"]):
+    if _has_values(columns, OUTPUTS["accel_lat"]):
         _check_units(table, speed * yaw, filled(time, columns[OUTPUTS["accel_lat"]]))
 
 
 def _check_units(table: SignalTable, turning: FloatArray, accel_lat: FloatArray) -> None:
-    """InputError where lateral acceleration over speed times yaw rate is the factor of a wrong unit."""
+    """Raise InputError where lateral acceleration over speed times yaw rate is the factor of a wrong unit."""
     accel_lat = accel_lat - float(np.median(accel_lat))
     turning = turning - float(np.median(turning))
     product, square = float(np.sum(accel_lat * turning)), float(np.sum(turning**2))
@@ -280,24 +282,26 @@ def _speed(
     It is an input: a model cannot tell its noise from motion, and what averages rows, such as a delay by half
     a row, would explain readings better.
     """
-    if _has(columns, OUTPUTS["speed"]):
-        return denoised(time, columns[OUTPUTS["speed"]], ACCEL_WALK)
-    wheels = [columns[name] for name in _usable(columns, WHEELS)]
+    if _has_values(columns, OUTPUTS["speed"]):
+        return smooth_series(time, columns[OUTPUTS["speed"]], ACCEL_WALK)
+    wheels = [columns[name] for name in _usable_names(columns, WHEELS)]
     if wheels:
         mean = np.mean([filled(time, one) for one in wheels], axis=0) * tables.wheel_radius_m
-        return denoised(time, np.asarray(mean), ACCEL_WALK)
-    if _has(columns, "gnss_speed_mps"):
-        return denoised(time, columns["gnss_speed_mps"], ACCEL_WALK)
+        return smooth_series(time, np.asarray(mean), ACCEL_WALK)
+    if _has_values(columns, "gnss_speed_mps"):
+        return smooth_series(time, columns["gnss_speed_mps"], ACCEL_WALK)
     raise InputError(table.file, "no speed: speed_mps, wheel_speed_*_radps or gnss_speed_mps is needed", 1)
 
 
-def _usable(columns: dict[str, FloatArray], names: Sequence[str]) -> list[str]:
-    return [name for name in names if _has(columns, name)]
+def _usable_names(columns: dict[str, FloatArray], names: Sequence[str]) -> list[str]:
+    return [name for name in names if _has_values(columns, name)]
 
 
-def _ahead(columns: dict[str, FloatArray], time: FloatArray, speed: FloatArray) -> FloatArray:
+def _longitudinal_acceleration(
+    columns: dict[str, FloatArray], time: FloatArray, speed: FloatArray
+) -> FloatArray:
     """Return the longitudinal acceleration: recorded, else the speed's rate over a fifth of a second."""
-    if _has(columns, OUTPUTS["accel_long"]):
+    if _has_values(columns, OUTPUTS["accel_long"]):
         return filled(time, columns[OUTPUTS["accel_long"]])
     later, before = (np.interp(time + by, time, speed) for by in (0.1, -0.1))
     return np.asarray((later - before) / 0.2)

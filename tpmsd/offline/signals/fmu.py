@@ -54,20 +54,20 @@ _DAMAGED = (
 
 
 def fmu_table(file: Path, recording: Path, drive: DynamicsDrive, wall_s: float = WALL_S) -> SignalTable:
-    """Return the FMU's outputs at the rows of a drive; its inputs are found by the names of their columns.
+    """Return the FMU's outputs at the rows of a drive; its inputs are the columns of the same names.
 
     `recording` is the drive's folder, whose columns the inputs are taken from.
     """
     if not installed("fmpy"):
         raise ConfigError("an FMU as --simulation needs the extra 'fmu' (pip install 'tpmsd[fmu]')")
-    inputs = _inputs(recording, drive)
+    inputs = _fmu_inputs(recording, drive)
     with tempfile.TemporaryDirectory(prefix="tpmsd-fmu-") as where:
         folder = Path(where) / "fmu"
         unpack(file, folder)
         given = Path(where) / "inputs.npy"
         np.save(given, np.stack(list(inputs.values())))
         request = {"folder": str(folder), "inputs": str(given), "names": list(inputs)}
-        names, values = _simulated(file, request, wall_s)
+        names, values = _simulate_in_child(file, request, wall_s)
     time_s = drive.time_s + drive.start_s
     columns: dict[str, FloatArray] = {TIME: time_s}
     for k, name in enumerate(names[1:], start=1):
@@ -75,7 +75,7 @@ def fmu_table(file: Path, recording: Path, drive: DynamicsDrive, wall_s: float =
     return SignalTable(file, columns)
 
 
-def _inputs(recording: Path, drive: DynamicsDrive) -> dict[str, FloatArray]:
+def _fmu_inputs(recording: Path, drive: DynamicsDrive) -> dict[str, FloatArray]:
     """Return every column that an FMU may ask for, at the rows of the drive; times from 0 on."""
     table = read_signals(recording)
     at = drive.time_s + drive.start_s
@@ -109,7 +109,7 @@ def unpack(file: Path, folder: Path) -> None:
 
 
 def _check_members(file: Path, members: list[zipfile.ZipInfo]) -> None:
-    """InputError unless all members stay in the folder and are of a size that can be unpacked."""
+    """Raise InputError unless all members stay in the folder and are of a size that can be unpacked."""
     for member in members:
         path = PurePosixPath(member.filename)
         link = stat.S_ISLNK(member.external_attr >> 16)
@@ -130,8 +130,8 @@ def _check_members(file: Path, members: list[zipfile.ZipInfo]) -> None:
         raise InputError(file, f"{DESCRIPTION} is larger than {MAX_DESCRIPTION_BYTES >> 20} MB")
 
 
-def _simulated(file: Path, request: Mapping[str, Any], wall_s: float) -> tuple[list[str], FloatArray]:
-    """Run the child; names of the outputs, time first, and their values (k, n)."""
+def _simulate_in_child(file: Path, request: Mapping[str, Any], wall_s: float) -> tuple[list[str], FloatArray]:
+    """Return the names of the outputs, time first, and their values (k, n), by a child process."""
     late = threading.Event()
     with ChildReader("tpmsd.offline.signals.fmu:run_fmu", file) as child:
 
@@ -163,7 +163,7 @@ def run_fmu(path: Path, requests: Iterator[str], send: Send) -> None:
     """Simulate in the child: sends the names of the outputs, then their values, time first."""
     import fmpy
 
-    _limit()
+    _limit_resources()
     request = json.loads(next(requests))
     inputs = dict(zip(request["names"], np.load(request["inputs"]), strict=True))
     description = fmpy.read_model_description(request["folder"], validate=False)
@@ -200,7 +200,7 @@ def run_fmu(path: Path, requests: Iterator[str], send: Send) -> None:
     send(np.ascontiguousarray(table).tobytes())
 
 
-def _limit() -> None:
+def _limit_resources() -> None:
     """Bound processor time, memory and files of this process."""
     for what, most in (
         (resource.RLIMIT_CPU, CPU_S),

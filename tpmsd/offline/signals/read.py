@@ -58,13 +58,13 @@ def read_signals(path: Path) -> SignalTable:
         raise InputError(path, f"no table of signals ({' '.join(FILES)})")
     if not file.is_file():
         raise InputError(file, "no such file")
-    names, table = _parquet(file) if file.suffix == ".parquet" else _text(file)
+    names, table = _read_parquet(file) if file.suffix == ".parquet" else _read_csv(file)
     _check_rises(file, table)
-    return _ordered(file, table, tuple(escaped_lines(name) for name in names if not is_known(name)))
+    return _sort_rows(file, table, tuple(escaped_lines(name) for name in names if not is_known(name)))
 
 
 def _check_names(file: Path, names: list[str]) -> None:
-    """InputError unless the columns have a name each, and one of them is the time."""
+    """Raise InputError unless each column has a name of its own, and one of them is the time."""
     if len(names) > MAX_COLUMNS:
         raise InputError(file, f"{len(names)} columns; at most {MAX_COLUMNS} are read", 1)
     if TIME not in names:
@@ -89,12 +89,12 @@ def _check_rises(file: Path, table: dict[str, FloatArray]) -> None:
         reason = f"{TIME} of {name} descends from {before_s:g} to {time[row]:g}"
         if file.suffix == ".parquet":
             raise InputError(file, f"row {row + 1}: {reason}")
-        raise InputError(file, reason, _line_of(file, row))
+        raise InputError(file, reason, _line_of_row(file, row))
 
 
-def _line_of(file: Path, row: int) -> int:
+def _line_of_row(file: Path, row: int) -> int:
     """Return the line of a row of values."""
-    for first, block in islice(_blocks(file), 1, None):
+    for first, block in islice(_text_blocks(file), 1, None):
         lines = [first + k for k, line in enumerate(block.split("\n")) if line.strip()]
         if row < len(lines):
             return lines[row]
@@ -102,8 +102,8 @@ def _line_of(file: Path, row: int) -> int:
     raise InputError(file, "changed while it was read")
 
 
-def _ordered(file: Path, table: dict[str, FloatArray], unknown: tuple[str, ...]) -> SignalTable:
-    """Return the table with rows in the order of time; rows of one time become one."""
+def _sort_rows(file: Path, table: dict[str, FloatArray], unknown: tuple[str, ...]) -> SignalTable:
+    """Return the table with rows in the order of time; rows of one time are merged."""
     time = table[TIME]
     good = np.isfinite(time)
     if good.sum() < 2:
@@ -123,8 +123,9 @@ def _ordered(file: Path, table: dict[str, FloatArray], unknown: tuple[str, ...])
     return SignalTable(file, kept, unknown)
 
 
-def _blocks(file: Path) -> Generator[tuple[int, str]]:
-    """Number of the first line and text of the header, then of blocks of whole lines; line ends are alike.
+def _text_blocks(file: Path) -> Generator[tuple[int, str]]:
+    """Yield the header, then blocks of whole lines, each with the number of its first line; line ends are
+    unified.
 
     InputError for what cannot be read, is no text, or is too large unpacked.
     """
@@ -146,9 +147,9 @@ def _blocks(file: Path) -> Generator[tuple[int, str]]:
         raise InputError(file, f"cannot be read: {reason}") from None
 
 
-def _text(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
+def _read_csv(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
     """Return the names of all columns of a CSV file, and the values of those that are known."""
-    with closing(_blocks(file)) as blocks:
+    with closing(_text_blocks(file)) as blocks:
         _, head = next(blocks, (1, ""))
         names = [name.strip().strip('"') for name in head.split(",")]
         _check_names(file, names)
@@ -158,9 +159,9 @@ def _text(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
         for first, block in blocks:
             if not block.strip():
                 continue
-            quick = _quick(block, len(names))
-            values = _careful(file, first, block, names, known) if quick is None else quick[:, known]
-            _check_size(file, values, parts, [names[k] for k in known])
+            quick = _parse_plain_block(block, len(names))
+            values = _parse_block(file, first, block, names, known) if quick is None else quick[:, known]
+            _check_magnitudes(file, values, parts, [names[k] for k in known])
             parts.append(values)
             left -= values.size
             if left < 0:
@@ -171,24 +172,28 @@ def _text(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
     return names, {names[k]: table[:, column] for column, k in enumerate(known)}
 
 
-def _check_size(file: Path, values: FloatArray, before: Sequence[FloatArray], names: Sequence[str]) -> None:
-    """InputError with the line of a value that is infinite or larger than a reading can be."""
+def _check_magnitudes(
+    file: Path, values: FloatArray, before: Sequence[FloatArray], names: Sequence[str]
+) -> None:
+    """Raise InputError with the line of a value that is infinite or larger than a reading can be."""
     rows, columns = np.nonzero(np.abs(values) > LARGEST_VALUE)
     if len(rows):
         finite = np.isfinite(values[rows[0], columns[0]])
-        reason = _beyond(names[columns[0]]) if finite else "is infinite"
-        line = _line_of(file, sum(map(len, before)) + int(rows[0]))
+        reason = _too_large_message(names[columns[0]]) if finite else "is infinite"
+        line = _line_of_row(file, sum(map(len, before)) + int(rows[0]))
         raise InputError(file, f"{names[columns[0]]} {reason}", line)
 
 
-def _beyond(name: str) -> str:
-    """Return what is wrong with a value that is too large: of times since 1970 the unit."""
+def _too_large_message(name: str) -> str:
+    """Return what is wrong with a value that is too large: for a time, probably the unit."""
     hint = ": milliseconds or less since 1970? It is in seconds" if name == TIME else ""
     return f"is beyond {LARGEST_VALUE:g}{hint}"
 
 
-def _quick(block: str, width: int) -> FloatArray | None:
-    """Return the values of plain numbers without an empty cell; None where there is anything else."""
+def _parse_plain_block(block: str, width: int) -> FloatArray | None:
+    """Return the values of a block of plain numbers without an empty cell; None where there is
+    anything else.
+    """
     try:
         values = np.loadtxt(io.StringIO(block), delimiter=",", ndmin=2, comments=None)
     except ValueError:
@@ -196,9 +201,12 @@ def _quick(block: str, width: int) -> FloatArray | None:
     return values if values.shape[1] == width else None
 
 
-def _careful(file: Path, first: int, block: str, names: Sequence[str], known: Sequence[int]) -> FloatArray:
+def _parse_block(
+    file: Path, first: int, block: str, names: Sequence[str], known: Sequence[int]
+) -> FloatArray:
     """Return the known columns cell by cell, empty ones NaN; InputError with the line of a cell that is no
-    number."""
+    number.
+    """
     values = array("d")
     for line, text in enumerate(block.split("\n"), first):
         if not text.strip():
@@ -225,7 +233,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _parquet(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
+def _read_parquet(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
     """Return the names of all columns of a Parquet file, and the values of those that are known, read in a
     process of its own."""
     with closing(NativeTable(file)) as table:
@@ -236,5 +244,5 @@ def _parquet(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
         if not len(values):
             raise InputError(file, "no rows")
         if len(beyond := np.flatnonzero(np.abs(values) > LARGEST_VALUE)):
-            raise InputError(file, escaped_lines(f"row {beyond[0] + 1}: {name} {_beyond(name)}"))
+            raise InputError(file, escaped_lines(f"row {beyond[0] + 1}: {name} {_too_large_message(name)}"))
     return names, known

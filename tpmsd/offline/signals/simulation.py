@@ -49,12 +49,14 @@ def outputs_of_simulation(table: SignalTable, drive: DynamicsDrive) -> dict[str,
     if not compared:
         raise InputError(table.file, f"has none of the outputs {' '.join(drive.outputs)}", 1)
     for name in compared:
-        _check(table, name, found[name], drive.outputs[name])
+        _check_sign_and_unit(table, name, found[name], drive.outputs[name])
     return found
 
 
-def _check(table: SignalTable, name: str, simulated: FloatArray, recorded: FloatArray) -> None:
-    """InputError where an output moves against the recorded one, or is so many times it as a wrong unit."""
+def _check_sign_and_unit(table: SignalTable, name: str, simulated: FloatArray, recorded: FloatArray) -> None:
+    """Raise InputError where an output has the sign opposite to the recorded one, or differs from it by the
+    factor of a wrong unit.
+    """
     known = np.isfinite(recorded)
     one, other = (values[known] - np.median(values[known]) for values in (simulated, recorded))
     product, square = float(np.sum(one * other)), float(np.sum(other**2))

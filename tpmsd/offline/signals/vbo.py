@@ -125,13 +125,14 @@ class _Head:
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns in their order, short ones where there are any."""
+        """Names of the columns in their order; the short ones where there are any."""
         short = " ".join(self.sections.get("column names", [])).split()
         return short or [line.split("(")[0].strip() for line in self.sections.get("header", [])]
 
     def units(self, count: int) -> list[str]:
-        """Stated unit of each column, empty where there is none: those of `[channel units]` belong to the
-        last columns."""
+        """Return the stated unit of each column, empty where there is none: those of `[channel units]` belong
+        to the last columns.
+        """
         stated = [line.strip().lower() for line in self.sections.get("channel units", [])]
         long = [line.strip().lower().split(" ") for line in self.sections.get("header", [])]
         out = [""] * count
@@ -146,27 +147,28 @@ class _Head:
 
 
 def read_vbo(path: Path, note: Note) -> VboTable:
-    """Return the table of a VBO file; lines that cannot be read are counted and told to `note`.
+    """Return the table of a VBO file; lines that cannot be read are skipped, and their number passed to
+    `note`.
 
     Raises InputError where the file cannot be read, has no section `[data]`, no time, or no usable row.
     """
     try:
         with opened(path) as file:
-            lines = _lines(path, file)
-            head = _head(path, lines)
+            lines = _numbered_lines(path, file)
+            head = _read_head(path, lines)
             names = head.names
-            indices = _indices(path, names)
-            values = _rows(path, lines, len(names), sorted(set(indices.values())), note)
+            indices = _column_indices(path, names)
+            values = _read_rows(path, lines, len(names), sorted(set(indices.values())), note)
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror or error}") from None
     at = {column: k for k, column in enumerate(sorted(set(indices.values())))}
     raw = {name: values[:, at[index]] for name, index in indices.items()}
     units = head.units(len(names))
-    time_s = _time(raw[_TIME], head.date)
+    time_s = _times(raw[_TIME], head.date)
     good = np.isfinite(time_s)
     if good.sum() < 2:
         raise InputError(path, "fewer than two rows with a time")
-    columns = {"time_s": time_s, **_position(raw)}
+    columns = {"time_s": time_s, **_positions(raw)}
     if head.date is not None:
         columns["gnss_utc_s"] = time_s
     sources = {"time_s": names[indices[_TIME]]}
@@ -177,12 +179,14 @@ def read_vbo(path: Path, note: Note) -> VboTable:
             columns[column] = raw[column] * scale
             sources[column] = names[indices[column]]
     columns = {name: taken[good] for name, taken in columns.items()}
-    _turn(columns, sources, path, note)
+    _apply_signs(columns, sources, path, note)
     return VboTable(columns, {name: source for name, source in sources.items() if name in columns})
 
 
-def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Number and text of each line; InputError for a file or a line that is too long, or has NUL bytes."""
+def _numbered_lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
+    """Yield number and text of each line; InputError for a file or a line that is too long, or has NUL
+    bytes.
+    """
     total = 0
     for number in range(1, 1 << 62):
         line = file.readline(LONGEST_LINE)
@@ -197,7 +201,7 @@ def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
         yield number, text.decode("latin-1").strip()
 
 
-def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
+def _read_head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
     """Return the sections up to `[data]`."""
     head, section = _Head(), ""
     for number, line in lines:
@@ -218,8 +222,8 @@ def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
     raise InputError(path, "no VBO file: it has no section [data]")
 
 
-def _indices(path: Path, names: list[str]) -> dict[str, int]:
-    """Column of each quantity; InputError without time, or with too many columns."""
+def _column_indices(path: Path, names: list[str]) -> dict[str, int]:
+    """Return the column index of each quantity; InputError without time, or with too many columns."""
     if len(names) > MAX_COLUMNS:
         raise InputError(path, f"{len(names)} columns; at most {MAX_COLUMNS} are read")
     found: dict[str, int] = {}
@@ -238,10 +242,10 @@ def _indices(path: Path, names: list[str]) -> dict[str, int]:
     return found
 
 
-def _rows(
+def _read_rows(
     path: Path, lines: Iterator[tuple[int, str]], width: int, kept: list[int], note: Note
 ) -> FloatArray:
-    """Return the kept columns of `[data]`, (n, k)."""
+    """Return the kept columns of `[data]`, (n, k); lines that cannot be read are skipped."""
     values = array("d")
     bad, first = 0, ""
     for number, line in lines:
@@ -266,8 +270,8 @@ def _rows(
     return np.frombuffer(values, dtype=np.float64).reshape(-1, len(kept)).copy()
 
 
-def _time(clock: FloatArray, date: datetime | None) -> FloatArray:
-    """Return HHMMSS.ss as seconds, of the Unix epoch where the day is known; midnight goes on.
+def _times(clock: FloatArray, date: datetime | None) -> FloatArray:
+    """Return HHMMSS.ss as seconds, of the Unix epoch where the day is known; continuous over midnight.
 
     NaN where the digits are no time of day.
     """
@@ -284,7 +288,7 @@ def _time(clock: FloatArray, date: datetime | None) -> FloatArray:
     return np.asarray(out + (0.0 if date is None else date.timestamp()))
 
 
-def _position(raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def _positions(raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Return latitude and longitude in degrees with east positive, and the quality of the fix.
 
     NaN where there are no satellites, or the value is none of the globe. The upper bits of the number of
@@ -305,12 +309,12 @@ def _position(raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
     }
 
 
-def _turn(columns: dict[str, FloatArray], sources: dict[str, str], path: Path, note: Note) -> None:
-    """Give each inertial channel the sign of ISO 8855; leave out those whose sign the drive does not tell."""
+def _apply_signs(columns: dict[str, FloatArray], sources: dict[str, str], path: Path, note: Note) -> None:
+    """Give each inertial channel the sign of ISO 8855; remove those whose sign the drive does not show."""
     signed = [name for name in _SIGNED if name in columns]
     known = "gnss_speed_mps" in columns and "gnss_course_rad" in columns
     for name in signed:
-        sign = _sign(columns, name) if known else 0
+        sign = _sign_by_motion(columns, name) if known else 0
         if sign == 0:
             del columns[name]
             note(f"{path}: {sources[name]} is left out: the drive does not tell its sign")
@@ -319,8 +323,10 @@ def _turn(columns: dict[str, FloatArray], sources: dict[str, str], path: Path, n
             note(f"{path}: {sources[name]} is turned round: x forward, y left")
 
 
-def _sign(columns: dict[str, FloatArray], name: str) -> int:
-    """Return 1 or -1 as a channel goes with the motion of the receiver or against it, 0 if neither."""
+def _sign_by_motion(columns: dict[str, FloatArray], name: str) -> int:
+    """Return the sign of a channel's correlation with the receiver's motion, 1 or -1; 0 where it is
+    too weak.
+    """
     time, order = np.unique(columns["time_s"], return_index=True)
     speed, course, own = (columns[key][order] for key in ("gnss_speed_mps", "gnss_course_rad", name))
     use = np.isfinite(speed) & np.isfinite(course)

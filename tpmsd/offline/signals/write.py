@@ -17,7 +17,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 def check_signals_folder(folder: Path, force: bool) -> None:
-    """ConfigError if a folder holds something already and must not be replaced."""
+    """Raise ConfigError if a folder is not empty and must not be replaced."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder}: not a folder")
     if folder.is_dir() and any(folder.iterdir()) and not (force and (folder / "signals.csv").is_file()):
@@ -27,7 +27,7 @@ def check_signals_folder(folder: Path, force: bool) -> None:
 def signals_text(columns: Mapping[str, FloatArray]) -> str:
     """Return the table as CSV, missing values as empty cells, six significant figures, times to 0.1 ms."""
     names = list(columns)
-    formats = [_format(name) for name in names]
+    formats = [_number_format(name) for name in names]
     out = io.StringIO()
     np.savetxt(
         out,
@@ -40,8 +40,8 @@ def signals_text(columns: Mapping[str, FloatArray]) -> str:
     return out.getvalue().replace("nan", "")
 
 
-def _format(name: str) -> str:
-    """Return how a column is written: times to 0.1 ms, angles on the globe to 0.1 mm."""
+def _number_format(name: str) -> str:
+    """Return the format of a column's numbers: times to 0.1 ms, angles on the globe to 0.1 mm."""
     if name == "time_s" or name.endswith("_utc_s"):
         return "%.4f"
     return "%.9f" if name.endswith("_deg") else "%.7g"
