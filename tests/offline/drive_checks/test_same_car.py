@@ -9,7 +9,7 @@ import pytest
 
 from tests.offline.calibration.test_parts import CIRCLE, perfect
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.offline.drive_checks.same_car import SAME_LENGTH_M, differing, same_car
+from tpmsd.offline.drive_checks.same_car import SAME_LENGTH_M, car_difference, check_same_car
 
 
 def test_drives_of_two_cars_are_identified_by_what_differs() -> None:
@@ -21,10 +21,10 @@ def test_drives_of_two_cars_are_identified_by_what_differs() -> None:
     teeth = replace(one, car=replace(one.car, teeth_per_rev=one.car.teeth_per_rev + 1))
     driven = replace(one, car=replace(one.car, driven=np.logical_not(one.car.driven)))
 
-    assert "" == differing(one, replace(one, car=replace(one.car, geometry=rounded)))
-    assert "wheelbase_m" in differing(one, replace(one, car=replace(one.car, geometry=longer)))
-    assert "teeth_per_rev" in differing(one, teeth)
-    assert "" == differing(one, teeth, teeth=False)
-    assert "driven wheels" in differing(one, driven)
+    assert "" == car_difference(one, replace(one, car=replace(one.car, geometry=rounded)))
+    assert "wheelbase_m" in car_difference(one, replace(one, car=replace(one.car, geometry=longer)))
+    assert "teeth_per_rev" in car_difference(one, teeth)
+    assert "" == car_difference(one, teeth, teeth=False)
+    assert "driven wheels" in car_difference(one, driven)
     with pytest.raises(ConfigError, match="different cars"):
-        same_car([one, one, teeth])
+        check_same_car([one, one, teeth])

@@ -19,10 +19,10 @@ from tpmsd.offline.discovery.prepared_log import PreparedLog, prepare
 from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import followers, with_positions
-from tpmsd.offline.drive_checks.clock import aligned
+from tpmsd.offline.drive_checks.clock import align_fixes
 from tpmsd.offline.drive_checks.configured import configured_fields, configured_frames
 from tpmsd.offline.drive_checks.scales import wrong_moduli, wrong_scale
-from tpmsd.offline.drive_checks.sides import of_car, wrong_sides
+from tpmsd.offline.drive_checks.sides import car_suspicions, wrong_sides
 from tpmsd.offline.drive_checks.suspicion import Suspicion
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED
 from tpmsd.onboard.sources.events import GnssFix
@@ -35,7 +35,9 @@ def suspicions(
     fixes: Sequence[GnssFix],
     settings: Settings = SETTINGS,
 ) -> list[Suspicion]:
-    """Return all of them, the surest first; of several of the same key and kind the surest."""
+    """Return all suspicions, the most probable first; of several of the same key and kind the most
+    probable.
+    """
     found: list[Suspicion] = []
     fields = configured_fields(config, database, log)
     frames = configured_frames(config, database, log, fields)
@@ -45,18 +47,20 @@ def suspicions(
             what = f"no frame of {one.message} (identifier {number:#05x}) in the drive"
             key = f"can.signals.{role}"
             found.append(Suspicion(key, "message_never_seen", 0.999, f"{what}: wrong DBC or bus?"))
-    shifted, offset = aligned(config, fields, frames, fixes)
+    shifted, offset = align_fixes(config, fields, frames, fixes)
     if offset is not None:
         found.append(offset)
     material = prepare(log, shifted, database, settings)
-    found += _wheel_suspicions(config, _read(fields, frames, material.reference.edge_s), material, settings)
+    found += _wheel_suspicions(
+        config, _configured_series(fields, frames, material.reference.edge_s), material, settings
+    )
     surest: dict[tuple[str, str], Suspicion] = {}
     for one_said in sorted(found, key=lambda one: -one.probability):
         surest.setdefault((one_said.key, one_said.suspicion), one_said)
     return list(surest.values())
 
 
-def _read(
+def _configured_series(
     fields: Mapping[str, MessageField], frames: Mapping[str, MessageLog], edges: FloatArray
 ) -> dict[str, Series]:
     """Return a mapping role -> its readings over the cells; roles that stay the same or cannot be read are
@@ -75,6 +79,7 @@ def _read(
 def _wheel_suspicions(
     config: Config, read: Mapping[str, Series], material: PreparedLog, settings: Settings
 ) -> list[Suspicion]:
+    """Return the suspicions about the wheels, and where both rear ones are read about the car."""
     series = {role: made for role, made in read.items() if role.startswith("wheel_")}
     found = wrong_moduli(series)
     following = {
@@ -91,5 +96,5 @@ def _wheel_suspicions(
     by_position = {role[-2:]: one for role, one in zip(following, members, strict=True)}
     found += wrong_sides(by_wheel, by_position)
     if {"rl", "rr"} <= by_position.keys():
-        found += of_car(config, by_wheel, by_position, read, material, settings)
+        found += car_suspicions(config, by_wheel, by_position, read, material, settings)
     return found

@@ -23,12 +23,12 @@ from tpmsd.offline.drive_checks.suspicion import Suspicion
 from tpmsd.onboard.sources.events import GnssFix
 
 
-def aligned(
+def align_fixes(
     config: Config, fields: dict[str, MessageField], frames: dict[str, MessageLog], fixes: Sequence[GnssFix]
 ) -> tuple[Sequence[GnssFix], Suspicion | None]:
-    """Return the fixes on the frames' clock, and the suspicion where they were not."""
+    """Return the fixes on the frames' clock, and the suspicion if they had to be shifted."""
     reference = make_reference(fixes)
-    read = None if len(reference.fix_s) < 10 else _first_wheel(fields, frames)
+    read = None if len(reference.fix_s) < 10 else _first_read_wheel(fields, frames)
     if read is None:
         return fixes, None
     role, one, edges = read
@@ -57,7 +57,7 @@ def aligned(
     return moved, Suspicion("gnss", "clock_offset", min(0.999, there), suggest)
 
 
-def _first_wheel(
+def _first_read_wheel(
     fields: dict[str, MessageField], frames: dict[str, MessageLog]
 ) -> tuple[str, Series, FloatArray] | None:
     """Return role, readings and cells' edges (s) of the first wheel that was read; None without one."""

@@ -14,14 +14,14 @@ from tpmsd.offline.discovery.settings import SETTINGS
 def best_offset(
     wheel_s: FloatArray, wheel: FloatArray, fix_s: FloatArray, speed: FloatArray
 ) -> tuple[float, float, float] | None:
-    """Return the offset in s to add to the fixes' stamps, correlation there, and correlation as stamped (NaN
-    if apart).
+    """Return the offset, s, to add to the fixes' stamps, the correlation there, and the correlation as
+    stamped (NaN where they do not overlap); None where none can be found.
 
     The offset lies where the parabola through the correlations, a second apart, has its top. None where the
     recordings are too short or one of them stands still.
     """
-    one, start_one = _resampled(wheel_s, wheel)
-    other, start_other = _resampled(fix_s, speed)
+    one, start_one = _resample(wheel_s, wheel)
+    other, start_other = _resample(fix_s, speed)
     if min(len(one), len(other)) < SETTINGS.min_overlap_steps or min(one.std(), other.std()) < 0.5:
         return None
     size = 1 << int(np.ceil(np.log2(len(one) + len(other))))
@@ -52,7 +52,7 @@ def best_offset(
     return top, float(r[best]), here
 
 
-def _resampled(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, float]:
+def _resample(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, float]:
     """Return finite values interpolated on a regular grid of time, and the grid's first instant."""
     known = np.isfinite(value) & np.isfinite(time_s)
     t, x = time_s[known], value[known]

@@ -30,8 +30,9 @@ from tpmsd.onboard.sources.can.signal_plan import (
 
 
 def configured_fields(config: Config, database: Database, log: BusLog) -> dict[str, MessageField]:
-    """Return a mapping role -> field as the configuration reads it; its key is the log's, or of no message
-    that is in it."""
+    """Return a mapping role -> field as the configuration reads it; its key is the log's, or one without
+    frames where the message never came.
+    """
     buses = _Buses(config, log)
     fields = {}
     for role, name in config.can.signals.items():
@@ -59,8 +60,9 @@ def configured_fields(config: Config, database: Database, log: BusLog) -> dict[s
 def configured_frames(
     config: Config, database: Database, log: BusLog, fields: Mapping[str, MessageField]
 ) -> dict[str, MessageLog]:
-    """Return a mapping role -> the frames in which its signal counts; roles whose message never came are left
-    out."""
+    """Return a mapping role -> the frames in which its signal is valid; roles whose message never came are
+    left out.
+    """
     buses, logs = _Buses(config, log), log.messages(copies=True)
     conditions = {
         condition.number: (buses.key(key >> BUS_SHIFT, key & (1 << BUS_SHIFT) - 1), condition)
@@ -81,7 +83,7 @@ def configured_frames(
         message = logs[field.key].selected(field.selectors)
         if role in needed:
             key, condition = conditions[needed[role]]
-            kept = _holds(condition, logs.get(key), message)
+            kept = _condition_holds(condition, logs.get(key), message)
             message = MessageLog(message.key, message.time_s[kept], message.data[kept])
         frames[role] = message
     return frames
@@ -106,8 +108,10 @@ class _Buses:
         return next((key for key in keys if key in self._known), (keys or [bus << BUS_SHIFT | identifier])[0])
 
 
-def _holds(condition: ConditionPlan, judged: MessageLog | None, message: MessageLog) -> NDArray[np.bool_]:
-    """Return (n,) whether the condition held when each frame came, by the last frame that states it."""
+def _condition_holds(
+    condition: ConditionPlan, judged: MessageLog | None, message: MessageLog
+) -> NDArray[np.bool_]:
+    """Return (n,) True where the condition held when each frame came, by the last frame that states it."""
     if judged is None:
         return np.zeros(len(message.time_s), dtype=np.bool_)
     judged = judged.selected(condition.selectors)

@@ -17,18 +17,18 @@ SAME_LENGTH_M = 1e-4
 """Configured lengths that differ by less are the same: a file's rounding."""
 
 
-def same_car(recordings: Sequence[Recording]) -> None:
-    """ConfigError unless all recordings are configured as one car."""
+def check_same_car(recordings: Sequence[Recording]) -> None:
+    """Raise ConfigError unless all recordings are configured as one car."""
     for other in recordings[1:]:
-        difference = differing(recordings[0], other)
+        difference = car_difference(recordings[0], other)
         if difference:
             raise ConfigError(
                 f"{recordings[0].name} and {other.name} are drives of different cars: {difference}"
             )
 
 
-def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
-    """Return what in the configurations tells two cars apart; empty if nothing does."""
+def car_difference(one: Recording, other: Recording, teeth: bool = True) -> str:
+    """Return in words the first difference of two recordings' cars; empty if there is none."""
     a, b = one.car, other.car
     for name in ("wheelbase_m", "track_front_m", "track_rear_m"):
         left, right = getattr(a.geometry, name), getattr(b.geometry, name)

@@ -23,7 +23,7 @@ _UNITS = ("km/h", "m/s", "mph", "knots", "rpm", "rad/s")
 
 
 def wrong_moduli(series: Mapping[str, Series]) -> list[Suspicion]:
-    """Return the counters that roll over at another number than is stated."""
+    """Return a suspicion for each counter that rolls over at another number than is stated."""
     found = []
     for role, made in series.items():
         stated = int(made.field.unit.split()[1]) if made.kind == "count" else 0
@@ -34,14 +34,16 @@ def wrong_moduli(series: Mapping[str, Series]) -> list[Suspicion]:
 
 
 def wrong_scale(config: Config, role: str, one: Follower) -> Suspicion | None:
-    """Return counts per metre against teeth and radius; a speed against its unit."""
+    """Return the suspicion that counts contradict teeth and radius, or a speed its unit; None if they
+    agree.
+    """
     wheel = WHEELS.index(role[-2:])
     radius = config.vehicle.wheel_radius_m[wheel]
     if one.series.kind == "count":
         per_metre = one.per_mps * abs(one.series.field.scale)
         teeth = config.vehicle.teeth(wheel)
         error = math.log(teeth / counts_of(per_metre, radius))
-        probability = _against(error, SETTINGS.right_radius_std)
+        probability = _probability_of_wrong_scale(error, SETTINGS.right_radius_std)
         fitting = round(counts_of(per_metre, radius))
         if probability < SETTINGS.decided or fitting == teeth:
             return None
@@ -51,7 +53,7 @@ def wrong_scale(config: Config, role: str, one: Follower) -> Suspicion | None:
     unit = canonical_unit(one.series.field.unit) or "km/h"
     mps = _mps_per(unit, radius)
     error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
-    probability = _against(error, SETTINGS.right_speed_std)
+    probability = _probability_of_wrong_scale(error, SETTINGS.right_speed_std)
     if probability < SETTINGS.decided or abs(error) < SETTINGS.unit_fits:
         return None
     key = f"can.signals.{role}"
@@ -72,7 +74,7 @@ def _mps_per(unit: str, radius_m: float) -> float:
 
 
 def _fitting_unit(config: Config, role: str, seen_mps: float, unit: str, radius_m: float) -> str | None:
-    """Return the unit in which a reading of 1 is the speed seen by the receiver; None if there is none.
+    """Return the unit in which a reading of 1 is `seen_mps`; None if there is none.
 
     Units of the stated kind come first: 1 rad/s on a small wheel is nearly 1 km/h. A file that states the
     scale and leaves the unit to the DBC is taken to be wrong in what it states.
@@ -87,8 +89,8 @@ def _fitting_unit(config: Config, role: str, seen_mps: float, unit: str, radius_
     return None
 
 
-def _against(error: float, std: float) -> float:
-    """Return the probability that an error is not one of a right file."""
+def _probability_of_wrong_scale(error: float, std: float) -> float:
+    """Return the probability that the scale is wrong, by the logarithm of its error."""
     right = norm.logpdf(error, 0.0, std)
     wrong = norm.logpdf(error, 0.0, SETTINGS.wrong_scale_std) if abs(error) < 0.3 else 0.0
     return min(0.999, float(1.0 / (1.0 + 9.0 * math.exp(min(right - wrong, 50.0)))))

@@ -23,7 +23,7 @@ from tpmsd.offline.drive_checks.suspicion import Suspicion
 
 
 def wrong_sides(by_wheel: dict[str, str], by_position: dict[str, Follower]) -> list[Suspicion]:
-    """Return the axles whose left and right are exchanged, by the sign of the track."""
+    """Return a suspicion for each axle whose left and right are exchanged, by the sign of the track."""
     found = []
     for left, right in (("fl", "fr"), ("rl", "rr")):
         if left not in by_position or right not in by_position:
@@ -34,14 +34,14 @@ def wrong_sides(by_wheel: dict[str, str], by_position: dict[str, Follower]) -> l
         track, spread = SETTINGS.track_m, math.hypot(std, 0.15)
         if not math.isfinite(span / std):
             continue
-        probability = _exchanged(span, track, spread)
+        probability = _probability_of_opposite_sign(span, track, spread)
         if probability >= SETTINGS.decided:
             names = f"{one.series.field.signal} is on the right and {other.series.field.signal} on the left"
             found.append(Suspicion(f"can.signals.{by_wheel[left]}", "swapped_left_right", probability, names))
     return found
 
 
-def of_car(
+def car_suspicions(
     config: Config,
     by_wheel: dict[str, str],
     by_position: dict[str, Follower],
@@ -49,7 +49,7 @@ def of_car(
     material: PreparedLog,
     settings: Settings,
 ) -> list[Suspicion]:
-    """Return what speaks against axles, driven axle, antenna and signs; both rear wheels are read."""
+    """Return the suspicions about axles, driven axle, antenna and signs; both rear wheels are read."""
     four = len(by_position) == 4
     wheels = WHEELS if four else ("rl", "rr")
     kind = "counts" if by_position["rl"].series.kind == "count" else "speeds"
@@ -58,29 +58,33 @@ def of_car(
     roles = tuple(Role(w, by_position[order[w]], 1.0, ()) for w in wheels)
     assignment = Assignment(kind, roles, not four, 1.0, 1.0)
     geometry = CarGeometry(assignment, material.reference, material.gyro, settings)
-    found = _axles(config, by_wheel, geometry) if four else []
+    found = _exchanged_axles(config, by_wheel, geometry) if four else []
     turned = bool(found)
-    found += _driven(config, driven_axle(assignment), turned)
+    found += _wrong_driven_axle(config, driven_axle(assignment), turned)
     if not turned:
         found += wrong_antenna(config, geometry)
     return found + wrong_signs(config, read, material.reference, geometry.motion()[0])
 
 
-def _axles(config: Config, by_wheel: dict[str, str], geometry: CarGeometry) -> list[Suspicion]:
-    """Return the suspicion that front and rear are exchanged, by the sign of the squared wheelbase."""
+def _exchanged_axles(config: Config, by_wheel: dict[str, str], geometry: CarGeometry) -> list[Suspicion]:
+    """Return the suspicion that front and rear are exchanged, by the sign of the squared wheelbase; empty
+    without one.
+    """
     if geometry.square_m2 is None:
         return []
     square, std = geometry.square_m2.value, math.hypot(geometry.square_m2.std, 0.5)
     aim, spread = config.vehicle.wheelbase_m**2, math.hypot(std, 0.3 * config.vehicle.wheelbase_m)
-    probability = _exchanged(square, aim, spread)
+    probability = _probability_of_opposite_sign(square, aim, spread)
     if probability < SETTINGS.decided:
         return []
     suggest = "in bends the wheels called rear have the longer way: exchange front and rear"
     return [Suspicion(f"can.signals.{by_wheel['fl']}", "swapped_front_rear", probability, suggest)]
 
 
-def _driven(config: Config, axle: tuple[str, float] | None, turned: bool) -> list[Suspicion]:
-    """Return the suspicion that the other axle is driven; `turned`: front and rear are exchanged."""
+def _wrong_driven_axle(config: Config, axle: tuple[str, float] | None, turned: bool) -> list[Suspicion]:
+    """Return the suspicion that the other axle is driven, empty without one; `turned`: front and rear are
+    exchanged.
+    """
     if axle is None or config.vehicle.driven_axle not in ("front", "rear"):
         return []
     name, probability = axle
@@ -92,15 +96,14 @@ def _driven(config: Config, axle: tuple[str, float] | None, turned: bool) -> lis
     return [Suspicion("vehicle.driven_axle", "wrong_driven_axle", probability, suggest)]
 
 
-def _exchanged(seen: float, right: float, spread: float) -> float:
-    """Return the probability of minus the right value against the right one, with a prior of one file in
-    fifty."""
+def _probability_of_opposite_sign(seen: float, right: float, spread: float) -> float:
+    """Return the probability that the value is minus the right one, with a prior of one file in fifty."""
     ratio = norm.logpdf(seen, -right, spread) - norm.logpdf(seen, right, spread) + math.log(0.02)
     return min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
 
 
 def wrong_antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
-    """Return the coordinates of the antenna that the drive places elsewhere."""
+    """Return a suspicion for each coordinate of the antenna that the drive contradicts."""
     found = []
     floors = {
         "antenna_left_m": SETTINGS.antenna_left_floor_m,

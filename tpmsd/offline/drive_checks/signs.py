@@ -24,7 +24,9 @@ from tpmsd.offline.drive_checks.suspicion import Suspicion
 def wrong_signs(
     config: Config, read: Mapping[str, Series], reference: ReceiverMotion, speed: FloatArray
 ) -> list[Suspicion]:
-    """Return the sign and size of the other roles against the car's motion, by receiver and wheels."""
+    """Return the suspicions of wrong signs and sizes of the other roles, against the car's motion by receiver
+    and wheels.
+    """
     accel = np.full(len(speed), np.nan)
     accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * SETTINGS.cell_s)
     steering = config.vehicle.wheelbase_m * (config.vehicle.steering_ratio or math.nan)
@@ -63,13 +65,14 @@ def wrong_signs(
             gain, apart = gain / steering, SETTINGS.steering_apart
         # Where either side errs, the true gain lies between the two regressions' (Frisch 1934).
         if gain * abs(r) > apart or gain / abs(r) < 1.0 / apart:
-            found.append(_wrong_size(role, key, unit, gain, probability))
+            found.append(_size_suspicion(role, key, unit, gain, probability))
     return found
 
 
-def _wrong_size(role: str, key: str, unit: str, gain: float, probability: float) -> Suspicion:
-    """Return the suspicion of a signal that is `gain` times the right value: by another unit of the role, or
-    another scale."""
+def _size_suspicion(role: str, key: str, unit: str, gain: float, probability: float) -> Suspicion:
+    """Return the suspicion about a signal that is `gain` times the right value: another unit of the role, or
+    another scale.
+    """
     factor, _ = to_si(role, unit)
     others = {other: to_si(role, other)[0] for other in allowed_units(role)}
     fitting = min(others, key=lambda other: abs(math.log(others[other] * gain / factor)))

@@ -1,4 +1,4 @@
-"""A drive through the core: replay_drive, explain_drive, or as the arrays of diagnosis and calibration.
+"""A drive through the core: replayed, explained, or as the arrays of diagnosis and calibration.
 
 In: a `Drive`. Out: records; each note on the recording is handed on at once. The Python face, the commands
 and the workers of a fleet share these functions.

@@ -1,4 +1,4 @@
-"""Result of one drive: replay_drive, calibrated and diagnosed, as one document of plain values.
+"""Result of one drive: replayed, calibrated and diagnosed, as one document of plain values.
 
 In: the store's path and a drive's key. Out: the drive's result file. This runs in the workers. A drive that
 cannot be used is a result with its reason; one that took its worker down `tries` times is set aside. The
