@@ -31,8 +31,8 @@ def calibrate(
     method: str = "joint",
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[FittedGeometry, Vehicle]:
-    """Calibrate; also return the vehicle as calibrated. `progress` is given the share of the work that is
-    done.
+    """Return the calibrated geometry, and the vehicle with it; `progress` is called with the fraction of the
+    work done.
 
     ValueError on an unknown method, `RefusedError` (one, too).
     """

@@ -98,7 +98,8 @@ def calibration_parameters() -> dict[str, FittedParameter]:
 def make_equations(
     recording: Recording, motion: NominalMotion, car: Vehicle, reference_speed_mps: float = 0.0
 ) -> Equations:
-    """Linearise a drive. Ticks beyond the last whole window are left out.
+    """Return a drive's measurements as linear equations about the nominal motion; ticks beyond the last whole
+    window are left out.
 
     A radius is that at the reference speed: `growth` acts on v^2 beyond its square.
     """

@@ -73,7 +73,7 @@ class _SimulatedDrive:
 
 
 def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettings | None = None) -> PaperFit:
-    """Estimate the circumferences of the rear wheels."""
+    """Estimate the circumferences of the rear wheels by the published iteration."""
     s = settings or PaperSettings()
     drives = [_prepared_drive(recording, start, s) for recording in recordings]
     track = start.geometry.track_rear_m

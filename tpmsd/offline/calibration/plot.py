@@ -99,7 +99,7 @@ def _draw_iterations(axes: Axes, found: FittedGeometry) -> None:
 
 
 def _draw_radii(axes: Axes, found: FittedGeometry, config: VehicleConfig) -> None:
-    """Calibrated minus configured radius of each wheel with two standard deviations."""
+    """Draw the calibrated minus configured radius of each wheel with two standard deviations."""
     for k, (wheel, result) in enumerate(found.wheels.items()):
         change_mm = 1e3 * (result.radius_m - config.wheel_radius_m[WHEELS.index(wheel)])
         axes.errorbar(

@@ -77,6 +77,7 @@ def _outermost_members(group: Sequence[Follower], settings: Settings) -> list[Fo
 
 
 def _log_normal(x: float, mean: float, std: float) -> float:
+    """Return the logarithm of a normal density, without its constant."""
     return -0.5 * ((x - mean) / std) ** 2 - float(np.log(std))
 
 

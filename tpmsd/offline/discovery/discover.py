@@ -63,7 +63,9 @@ def discover(
     cars: Sequence[CarPlatform] = (),
     settings: Settings = SETTINGS,
 ) -> BusDiscovery:
-    """Find the wheels and all that goes with them. `cars`: the car library, as prior."""
+    """Return the wheels' signals and other roles of a bus, the car's geometry and receiver, by the frames and
+    fixes of a drive; `cars`: the car library, as prior.
+    """
     return discover_prepared(prepare(log, fixes, database, settings), tyre, cars, database, settings)
 
 
@@ -368,6 +370,7 @@ def _recommended_manoeuvre(assignment: Assignment) -> str:
 def _count_role(
     key: str, one: Follower, probability: float, alternatives: tuple[tuple[str, float], ...]
 ) -> FoundRole:
+    """Return the role of a counter, with its modulus where that is not the field's width."""
     series = one.series
     usual = series.field.stated_modulus or 1 << series.field.layout.length
     modulus = series.modulus if series.modulus_seen and series.modulus != usual else 0

@@ -44,7 +44,7 @@ class MessageField:
 
     @property
     def signal(self) -> str:
-        """'Message.Signal'."""
+        """Name of the signal as 'Message.Signal'."""
         return f"{self.message}.{self.name}"
 
 

@@ -69,8 +69,9 @@ class Core(Protocol[Out]):
         ...
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Out]:
-        """Take the data frames `start` to before `stop` of a block. `bus` (channels,): number of the bus of
-        each channel."""
+        """Process the data frames `start` to before `stop` of a block. `bus` (channels,): number of the bus
+        of each channel.
+        """
         ...
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Out]:

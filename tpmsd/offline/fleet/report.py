@@ -96,7 +96,9 @@ def _active_alarm_rows(tables: Tables) -> list[Row]:
     active: dict[tuple[str, str, str], Row] = {}
 
     def time_order(row: Row) -> tuple[Any, ...]:
-        """Drives one after the other, also those that begin at one instant."""
+        """Return the sort key of an alarm: drive after drive, also of drives that begin at one instant, then
+        time.
+        """
         return (*order_of.get(row["key"], (0.0, "")), row["time"] or 0.0)
 
     for alarm in sorted(tables["alarms"], key=time_order):

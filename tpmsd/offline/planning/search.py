@@ -100,6 +100,7 @@ def _grow_plan(
 
 
 def _identifies(plan: Plan, wanted: Sequence[str]) -> bool:
+    """Return whether a plan identifies all `wanted` effects."""
     return reaches_target({name: plan.gains[name] for name in wanted}, TARGET)
 
 

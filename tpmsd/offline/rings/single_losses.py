@@ -260,6 +260,9 @@ def _fit_count_steps(values: FloatArray, counted: FloatArray) -> _CountSteps:
     orders, usual = gammaln(number + 1.0), counted / counted.mean()
 
     def each(of: FloatArray, free: FloatArray) -> FloatArray:
+        """Return the (w,) log-likelihoods of values `of` under steps with the free parameters, log mean and
+        log std.
+        """
         mean, std = usual * math.exp(free[0]), math.exp(free[1])
         weight = number * np.log(mean)[:, None] - mean[:, None] - orders
         off = (of[:, None] - number + mean[:, None]) / std

@@ -78,6 +78,7 @@ class CountPrior:
 
 
 def _log_normal(numbers: FloatArray, weight: float, mean: float, std: float) -> FloatArray:
+    """Return the (k,) logarithm of a weighted normal density, without the common constant."""
     return np.asarray(math.log(weight / std) - 0.5 * ((numbers - mean) / std) ** 2)
 
 

@@ -79,7 +79,7 @@ def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Genera
     times, ids, datas = [], [], []
     start = {wheel: int(rng.integers(0, 1 << 32)) for wheel in WHEELS}
     layout = bus_layout(spec.kind, spec.wheels)
-    _check_widths(world, layout)
+    _check_rollover_rates(world, layout)
     for message in layout:
         sampled, payload = _message_frames(world, spec, message, start, rng)
         arrival = sampled + rng.exponential(spec.jitter_s, len(sampled)) if spec.jitter_s > 0 else sampled
@@ -129,9 +129,10 @@ def _counter_values(
     return edges % (1 << signal.bits)
 
 
-def _check_widths(world: World, layout: tuple[MessageLayout, ...]) -> None:
-    """ConfigError where a counter turns over so fast that no reader can follow it; of several, the first to
-    do so is named."""
+def _check_rollover_rates(world: World, layout: tuple[MessageLayout, ...]) -> None:
+    """Raise ConfigError if a counter rolls over so fast that no reader can follow it; of several, the one
+    that does so at the lowest speed is named.
+    """
     teeth, end = world.car.teeth_per_rev, float(world.motion.time_s[-1])
     held = []
     for message in layout:

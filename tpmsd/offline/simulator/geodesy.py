@@ -41,7 +41,7 @@ def on_ellipsoid(
     latitude_deg: float,
     longitude_deg: float,
 ) -> GeodeticTrack:
-    """Integrate a plane velocity over the ellipsoid from a starting point.
+    """Return the track on the ellipsoid of a plane velocity integrated from a starting point.
 
     A car that steers straight follows a geodesic, along which the direction of true north turns against it by
     v_east * tan(latitude) / N per second. Solved by fixed-point iteration, which gains five digits per round

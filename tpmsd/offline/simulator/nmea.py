@@ -47,13 +47,15 @@ def sentence(kind: str, epoch: Epoch, talker: str = "GN") -> str:
     return with_checksum(talker + _BODIES[kind](epoch))
 
 
-def _clock(utc_s: float) -> tuple[str, time.struct_time]:
+def _time_field(utc_s: float) -> tuple[str, time.struct_time]:
+    """Return the time of day as hhmmss.sss, and the date and time in parts."""
     milliseconds = round(utc_s * 1000)
     parts = time.gmtime(milliseconds // 1000)
     return f"{parts.tm_hour:02d}{parts.tm_min:02d}{parts.tm_sec:02d}.{milliseconds % 1000:03d}", parts
 
 
-def _angle(degrees: float, width: int, positive: str, negative: str) -> str:
+def _angle_fields(degrees: float, width: int, positive: str, negative: str) -> str:
+    """Return the fields of an angle, (d)ddmm.mmmmmm, and of its hemisphere."""
     hemisphere = positive if degrees >= 0 else negative
     # Rounded as a whole, so that 59.999999 minutes never print as 60.
     units = round(abs(degrees) * 60 * 1e6)
@@ -61,52 +63,55 @@ def _angle(degrees: float, width: int, positive: str, negative: str) -> str:
     return f"{whole:0{width}d}{minutes // 1_000_000:02d}.{minutes % 1_000_000:06d},{hemisphere}"
 
 
-def _position(epoch: Epoch) -> str:
+def _position_fields(epoch: Epoch) -> str:
+    """Return the fields of latitude and longitude, empty for an invalid fix."""
     if not epoch.valid:
         return ",,,"
-    return f"{_angle(epoch.latitude_deg, 2, 'N', 'S')},{_angle(epoch.longitude_deg, 3, 'E', 'W')}"
+    return (
+        f"{_angle_fields(epoch.latitude_deg, 2, 'N', 'S')},{_angle_fields(epoch.longitude_deg, 3, 'E', 'W')}"
+    )
 
 
-def _number(value: float, digits: int, valid: bool = True) -> str:
+def _number_field(value: float, digits: int, valid: bool = True) -> str:
     return f"{value:.{digits}f}" if valid and not math.isnan(value) else ""
 
 
-def _course(epoch: Epoch) -> str:
+def _course_field(epoch: Epoch) -> str:
     # 359.999 must not be printed as 360.00.
-    return _number(round(epoch.course_deg, 2) % 360.0, 2, epoch.valid)
+    return _number_field(round(epoch.course_deg, 2) % 360.0, 2, epoch.valid)
 
 
 def _rmc(epoch: Epoch) -> str:
     """Return the NMEA sentence RMC: position, speed and course, with the date."""
-    clock, date = _clock(epoch.utc_s)
+    clock, date = _time_field(epoch.utc_s)
     status, mode = ("A", "A") if epoch.valid else ("V", "N")
-    speed = _number(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
+    speed = _number_field(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
     day = f"{date.tm_mday:02d}{date.tm_mon:02d}{date.tm_year % 100:02d}"
-    return f"RMC,{clock},{status},{_position(epoch)},{speed},{_course(epoch)},{day},,,{mode}"
+    return f"RMC,{clock},{status},{_position_fields(epoch)},{speed},{_course_field(epoch)},{day},,,{mode}"
 
 
 def _gga(epoch: Epoch) -> str:
     """Return the NMEA sentence GGA: position, number of satellites and height."""
-    clock, _ = _clock(epoch.utc_s)
+    clock, _ = _time_field(epoch.utc_s)
     if not epoch.valid:
         return f"GGA,{clock},,,,,0,{epoch.satellites:02d},,,M,,M,,"
     height = epoch.altitude_m - epoch.geoid_separation_m
     return (
-        f"GGA,{clock},{_position(epoch)},1,{epoch.satellites:02d},{epoch.hdop:.2f},"
+        f"GGA,{clock},{_position_fields(epoch)},1,{epoch.satellites:02d},{epoch.hdop:.2f},"
         f"{height:.2f},M,{epoch.geoid_separation_m:.2f},M,,"
     )
 
 
 def _vtg(epoch: Epoch) -> str:
     """Return the NMEA sentence VTG: course and speed over ground."""
-    knots = _number(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
-    kmh = _number(epoch.speed_mps * 3.6, 3, epoch.valid)
-    return f"VTG,{_course(epoch)},T,,M,{knots},N,{kmh},K,{'A' if epoch.valid else 'N'}"
+    knots = _number_field(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
+    kmh = _number_field(epoch.speed_mps * 3.6, 3, epoch.valid)
+    return f"VTG,{_course_field(epoch)},T,,M,{knots},N,{kmh},K,{'A' if epoch.valid else 'N'}"
 
 
 def _gst(epoch: Epoch) -> str:
     """Return the NMEA sentence GST: standard deviations of the position."""
-    clock, _ = _clock(epoch.utc_s)
+    clock, _ = _time_field(epoch.utc_s)
     if not epoch.valid:
         return f"GST,{clock},,,,,,,"
     std = epoch.position_std_m
@@ -115,7 +120,7 @@ def _gst(epoch: Epoch) -> str:
 
 def _zda(epoch: Epoch) -> str:
     """Return the NMEA sentence ZDA: date and time."""
-    clock, date = _clock(epoch.utc_s)
+    clock, date = _time_field(epoch.utc_s)
     return f"ZDA,{clock},{date.tm_mday:02d},{date.tm_mon:02d},{date.tm_year:04d},00,00"
 
 

@@ -54,7 +54,7 @@ class Segment:
     """Time for which the car stands at the segment's end, s; 0 where it does not stop."""
 
 
-def _bend(
+def _bend_segment(
     angle_rad: float, radius_m: float, limit_mps: float, style: RoadStyle, stop_s: float = 0.0
 ) -> Segment:
     # The curvature ramps up and down within the segment, so the turned angle is curvature * (length - ramp).
@@ -62,7 +62,7 @@ def _bend(
     return Segment(length, math.copysign(1 / radius_m, angle_rad), limit_mps, style, stop_s)
 
 
-def _straight(length_m: float, limit_mps: float, style: RoadStyle, stop_s: float = 0.0) -> Segment:
+def _straight_segment(length_m: float, limit_mps: float, style: RoadStyle, stop_s: float = 0.0) -> Segment:
     return Segment(length_m, 0.0, limit_mps, style, stop_s)
 
 
@@ -75,16 +75,16 @@ def _city_segments(rng: np.random.Generator) -> Iterator[Segment]:
         limit = float(rng.choice([30, 50, 50, 60])) * KMH
         for _ in range(int(rng.integers(3, 9))):
             wait = float(rng.uniform(4, 30)) if rng.random() < 0.35 else 0.0
-            yield _straight(float(rng.uniform(80, 350)), limit, CITY, wait)
+            yield _straight_segment(float(rng.uniform(80, 350)), limit, CITY, wait)
             kind = rng.random()
             if kind < 0.45:
-                yield _bend(_random_sign(rng) * math.pi / 2, float(rng.uniform(8, 16)), limit, CITY)
+                yield _bend_segment(_random_sign(rng) * math.pi / 2, float(rng.uniform(8, 16)), limit, CITY)
             elif kind < 0.6:  # a roundabout, driven to the second exit: right, left, right
-                yield _bend(-0.6, 14.0, limit, CITY)
-                yield _bend(1.9, 16.0, limit, CITY)
-                yield _bend(-0.6, 16.0, limit, CITY)
+                yield _bend_segment(-0.6, 14.0, limit, CITY)
+                yield _bend_segment(1.9, 16.0, limit, CITY)
+                yield _bend_segment(-0.6, 16.0, limit, CITY)
             elif kind < 0.85:
-                yield _bend(
+                yield _bend_segment(
                     _random_sign(rng) * float(rng.uniform(0.2, 0.8)), float(rng.uniform(50, 160)), limit, CITY
                 )
 
@@ -93,36 +93,38 @@ def _rural_segments(rng: np.random.Generator, style: RoadStyle = RURAL) -> Itera
     while True:
         limit = float(rng.choice([70, 80, 90, 100])) * KMH
         for _ in range(int(rng.integers(6, 14))):
-            yield _straight(float(rng.uniform(60, 500)), limit, style)
-            yield _bend(
+            yield _straight_segment(float(rng.uniform(60, 500)), limit, style)
+            yield _bend_segment(
                 _random_sign(rng) * float(rng.uniform(0.15, 1.1)), float(rng.uniform(90, 600)), limit, style
             )
         if rng.random() < 0.5:  # a village
-            yield _straight(float(rng.uniform(300, 900)), 50 * KMH, style)
+            yield _straight_segment(float(rng.uniform(300, 900)), 50 * KMH, style)
         if rng.random() < 0.4:  # a junction
-            yield _straight(float(rng.uniform(60, 150)), 60 * KMH, style, float(rng.uniform(3, 15)))
-            yield _bend(_random_sign(rng) * math.pi / 2, 18.0, 40 * KMH, style)
+            yield _straight_segment(float(rng.uniform(60, 150)), 60 * KMH, style, float(rng.uniform(3, 15)))
+            yield _bend_segment(_random_sign(rng) * math.pi / 2, 18.0, 40 * KMH, style)
 
 
 def _motorway_segments(rng: np.random.Generator) -> Iterator[Segment]:
-    yield _straight(200.0, 60 * KMH, RURAL)
-    yield _bend(_random_sign(rng) * 1.9, 70.0, 60 * KMH, RURAL)
+    yield _straight_segment(200.0, 60 * KMH, RURAL)
+    yield _bend_segment(_random_sign(rng) * 1.9, 70.0, 60 * KMH, RURAL)
     while True:
         limit = float(rng.choice([80, 100, 100, 120, 120, 130])) * KMH
         for _ in range(int(rng.integers(2, 5))):
             traffic = float(rng.uniform(0.65, 0.9)) if rng.random() < 0.2 else 1.0
-            yield _straight(float(rng.uniform(300, 1500)), limit * traffic, MOTORWAY)
+            yield _straight_segment(float(rng.uniform(300, 1500)), limit * traffic, MOTORWAY)
             radius = float(rng.uniform(800, 4000))
-            yield _bend(_random_sign(rng) * float(rng.uniform(0.1, 0.6)), radius, limit * traffic, MOTORWAY)
+            yield _bend_segment(
+                _random_sign(rng) * float(rng.uniform(0.1, 0.6)), radius, limit * traffic, MOTORWAY
+            )
 
 
-def _oval(rng: np.random.Generator) -> Iterator[Segment]:
+def _oval_segments(rng: np.random.Generator) -> Iterator[Segment]:
     side = _random_sign(rng)
     while True:
         limit = float(rng.uniform(12, 22))
         for _ in range(2):
-            yield _straight(400.0, limit, TRACK)
-            yield _bend(side * math.pi, 110.0, limit, TRACK)
+            yield _straight_segment(400.0, limit, TRACK)
+            yield _bend_segment(side * math.pi, 110.0, limit, TRACK)
 
 
 # About 2.2 km with a dozen bends, like the track of the published experiment: (straight m, bend deg, radius
@@ -143,18 +145,18 @@ _LAP = (
 )
 
 
-def _test_track(rng: np.random.Generator) -> Iterator[Segment]:
+def _test_track_segments(rng: np.random.Generator) -> Iterator[Segment]:
     for straight, angle, radius in cycle(_LAP):
         limit = 60 * KMH * float(rng.uniform(0.95, 1.05))
-        yield _straight(straight, limit, TRACK)
-        yield _bend(math.radians(angle), radius, limit, TRACK)
+        yield _straight_segment(straight, limit, TRACK)
+        yield _bend_segment(math.radians(angle), radius, limit, TRACK)
 
 
-def _hills(rng: np.random.Generator) -> Iterator[Segment]:
+def _hill_segments(rng: np.random.Generator) -> Iterator[Segment]:
     return _rural_segments(rng, HILLS)
 
 
-def _mixed(rng: np.random.Generator, duration_s: float) -> Iterator[Segment]:
+def _mixed_segments(rng: np.random.Generator, duration_s: float) -> Iterator[Segment]:
     """Yield a fifth in a city, then 0.3 rural, 0.3 motorway and 0.1 rural of the time; the rest in a city."""
     for kind, share in (
         (_city_segments, 0.2),
@@ -170,18 +172,18 @@ _KINDS: dict[str, Callable[[np.random.Generator], Iterator[Segment]]] = {
     "city": _city_segments,
     "rural": _rural_segments,
     "motorway": _motorway_segments,
-    "oval": _oval,
-    "test-track": _test_track,
-    "hills": _hills,
+    "oval": _oval_segments,
+    "test-track": _test_track_segments,
+    "hills": _hill_segments,
 }
 ROUTE_KINDS = ("city", "rural", "motorway", "mixed", "oval", "test-track", "hills")
 
 
 def make_road(kind: str, duration_s: float, rng: np.random.Generator) -> list[Segment]:
     """Return segments that take at least `duration_s` to drive at up to 1.15 times their limits."""
-    segments = _mixed(rng, duration_s) if kind == "mixed" else _KINDS[kind](rng)
+    segments = _mixed_segments(rng, duration_s) if kind == "mixed" else _KINDS[kind](rng)
     first = next(segments)
-    away = _straight(60.0, 50 * KMH, first.style)  # setting off, before the first bend
+    away = _straight_segment(60.0, 50 * KMH, first.style)  # setting off, before the first bend
     return list(_until_duration(chain([away, first], segments), 1.15 * duration_s + 10.0))
 
 

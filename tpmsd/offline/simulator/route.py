@@ -81,7 +81,7 @@ def drive_along(
     wheelbase_m: float = 2.63,
     flat: bool = False,
 ) -> Motion:
-    """Drive along these segments from a standstill; they must last for the duration."""
+    """Return the motion along these segments from a standstill; they must last for the duration."""
     ends = np.cumsum([segment.length_m for segment in segments])
     path_m = np.arange(0.0, ends[-1], _GRID_M)
     curvature = _road_curvature(segments, ends, path_m) + _lane_drift_curvature(segments, ends, path_m, rng)

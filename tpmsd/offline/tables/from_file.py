@@ -39,7 +39,7 @@ class FileSignals:
 
 
 def read_signals(path: Path, mapped: TableMap) -> FileSignals:
-    """Read all columns that are mapped.
+    """Return the readings of all mapped columns by role, and the car's tables.
 
     InputError where the table cannot be used; ConfigProblems where the map does not fit to it.
     """

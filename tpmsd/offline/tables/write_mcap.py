@@ -84,7 +84,7 @@ def messages(table: TickTable) -> Iterator[Message]:
         yield time_s, "/input", _finite_values({**turns, **{name: row[name] for name in _INPUT}})
         yield from _state_messages(row, time_s)
         if math.isfinite(row["gnss_latitude_deg"]):
-            yield row["gnss_arrival_s"], "/gnss/fix", _location_fix(row)
+            yield row["gnss_arrival_s"], "/gnss/fix", _location_fix_message(row)
         while said < len(alarms) and alarms[said].time_s <= time_s:
             yield alarms[said].time_s, "/alarms", _log_message(alarms[said])
             said += 1
@@ -112,7 +112,7 @@ def _wheel_message(row: dict[str, float], wheel: str, state: str, active: list[s
     return {**_finite_values(out), "state": state}
 
 
-def _location_fix(row: dict[str, float]) -> dict[str, Any]:
+def _location_fix_message(row: dict[str, float]) -> dict[str, Any]:
     variance = row["gnss_position_std_m"] ** 2
     known = math.isfinite(variance)
     # Heights of a receiver are half as good again.
