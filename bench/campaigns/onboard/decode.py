@@ -81,9 +81,9 @@ class _CountingSource(BlockSource):
         super().__init__(source)
         self.single = 0
 
-    def _one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
+    def _play_one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
         self.single += stop - self._at
-        yield from super()._one_by_one(block, stop)
+        yield from super()._play_one_by_one(block, stop)
 
 
 def array_fraction(folder: Path) -> tuple[float, Counter[str]]:

@@ -67,9 +67,9 @@ class Counting(BlockSource):
 
     single = 0
 
-    def _one_by_one(self, block: Any, stop: int) -> Iterator[Any]:
+    def _play_one_by_one(self, block: Any, stop: int) -> Iterator[Any]:
         self.single += stop - self._at
-        yield from super()._one_by_one(block, stop)
+        yield from super()._play_one_by_one(block, stop)
 
 
 def in_blocks(folder: Path) -> tuple[dict[str, Any], float]:
