@@ -102,7 +102,7 @@ REASONS: dict[str, str] = {
     "logs[:, : 2**d - 2]": _HAS_TEST,
     "*common, alike[ 2:]": _HAS_TEST,
     "self._history[1 - samples]": _HAS_TEST,
-    "def over(self, wait_s: float = 1.0)": _HAS_TEST,
+    "def finished(self, wait_s: float = 1.0)": _HAS_TEST,
     "block_source.py:80": _HAS_TEST,
     "os.O_WRONLY + os.O_CREAT": "same: flags of different bits add up as they are joined",
     "count in range(1, 6)": "same: a car has four wheels, and no sample of five is looked up",

@@ -80,7 +80,7 @@ def test_the_status_has_the_last_state(played: tuple[Config, Items]) -> None:
         documents.append(health.document(pipeline, 0.0, 0).get("vehicle_state"))
         steps = fed(each, items, [])
         last = next(k for k in range(len(steps) - 1, 0, -1) if steps[k].vehicle_state or each is not config)
-        health.stepped(steps[: last + 1], pipeline, 1.0)
+        health.note_steps(steps[: last + 1], pipeline, 1.0)
         documents.append(health.document(pipeline, 1.0, 0).get("vehicle_state"))
     before, known, *without = documents
     assert before == {"method": "arupf", **dict.fromkeys(VehicleState._fields)}

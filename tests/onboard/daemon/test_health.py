@@ -76,7 +76,7 @@ def test_a_receiver_on_the_bus_is_shown_as_any_other(tmp_path: Path) -> None:
     for k in range(10):
         place = struct.pack("<ii", 480000000 + 10 * k, 110000000)
         pipeline.on_frame(1000.0 + 0.1 * k, 0x600, False, place)
-    health.stepped([], pipeline, 5.0)
+    health.note_steps([], pipeline, 5.0)
     gnss = health.document(pipeline, 5.0, 0)["gnss"]
     states += [gnss["state"], health.document(pipeline, 60.0, 0)["gnss"]["state"]]
 
@@ -99,8 +99,8 @@ def test_an_input_is_silent_after_its_time_and_late_frames_are_counted(tmp_path:
     queue.counts["late"] = 2
     pipeline.assembler.counts["fixes"] = 1
     health = Health(config, link, receiver, queue, 0.0)
-    health.frames_came(10.0)
-    health.stepped([], pipeline, 10.0)
+    health.note_frames(10.0)
+    health.note_steps([], pipeline, 10.0)
     states = []
     for age_s in (1.9, 2.1, 2.9, 3.1):
         document = health.document(pipeline, 10.0 + age_s, 0)
@@ -119,7 +119,7 @@ def test_a_receiver_that_gave_no_fix_is_waited_for(tmp_path: Path) -> None:
     receiver._is_down = False
     pipeline = Pipeline(config, database)
     health = Health(config, link, receiver, InputQueue(), 0.0)
-    health.stepped([], pipeline, 5.0)
+    health.note_steps([], pipeline, 5.0)
 
     gnss = health.document(pipeline, 60.0, 0)["gnss"]
 
@@ -177,7 +177,7 @@ def test_the_line_is_of_the_last_step(tmp_path: Path) -> None:
             report=report(*[WATCHED] * 4),
             estimate=steps[-1].estimate._replace(speed_mps=speed_mps),
         )
-        health.stepped([first, last], pipeline, 1.0)
+        health.note_steps([first, last], pipeline, 1.0)
         assert health.line(pipeline, 1.0, 3).startswith(f"monitoring 4 wheels, no alarm;{words}")
     assert health.line(pipeline, 1.0, 3).endswith("; bus waiting; receiver off; 4 ticks, 3 late")
 
@@ -203,7 +203,7 @@ def test_the_last_change_stays_with_its_age(tmp_path: Path) -> None:
     for time_s, change_m in ((100.0, -0.003), (140.0, nan)):
         wheel = WheelReport("rl", WheelState.ALARM, nan, nan, change_m, 0.0002, nan, nan)
         report = MonitorReport(time_s, (wheel,), (), (), 1.0)
-        health.stepped([SimpleNamespace(report=report, estimate=None)], pipeline, time_s)  # type: ignore[list-item]
+        health.note_steps([SimpleNamespace(report=report, estimate=None)], pipeline, time_s)  # type: ignore[list-item]
     shown = health.document(pipeline, 140.0, 0)["wheels"]["rl"]
     assert (None, -3.0, 40.0) == tuple(
         shown[key] for key in ("change_mm", "last_change_mm", "last_change_age_s")

@@ -106,7 +106,7 @@ def test_what_came_before_a_backward_step_goes_first() -> None:
         queue.put_sentence(b"$GNRMC", stamp_s)
     list(queue.release(999.0))
 
-    assert [5000.01, 5000.02] == stamps(queue.clock_stepped(1000.02))
+    assert [5000.01, 5000.02] == stamps(queue.release_at_clock_step(1000.02))
     assert [1000.01] == stamps(queue.release(1000.02))
 
 
@@ -158,7 +158,7 @@ def test_after_a_backward_step_nothing_is_late() -> None:
     queue = InputQueue()
     queue.put_sentence(b"$GNRMC", 1000.0)
     assert [1000.0] == stamps(queue.release(1000.0))
-    queue.clock_stepped(10.0)
+    queue.release_at_clock_step(10.0)
     queue.put_sentence(b"$GNRMC", 10.1)
 
     assert [10.1] == stamps(queue.release(11.0))
@@ -182,7 +182,7 @@ def test_what_is_stamped_at_the_very_time_of_a_step_stays_in_the_queue() -> None
     for stamp_s in (10.0, 10.5):
         queue.put_sentence(b"$GNRMC", stamp_s)
 
-    assert [10.5] == stamps(queue.clock_stepped(10.0))
+    assert [10.5] == stamps(queue.release_at_clock_step(10.0))
     assert [10.0] == stamps(queue.release(11.0))
 
 

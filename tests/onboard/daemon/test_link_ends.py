@@ -254,9 +254,9 @@ def test_each_opening_and_each_failure_is_a_generation() -> None:
     link = Link("label", LOG)
     seen = [link.generation]
     for now_s in (0.0, 10.0):
-        link._opened(now_s)
+        link._note_opened(now_s)
         seen.append(link.generation)
-        link._failed(now_s + 1.0, "gone")
+        link._note_failure(now_s + 1.0, "gone")
         seen.append(link.generation)
 
     assert [0, 1, 2, 3, 4] == seen
@@ -266,18 +266,18 @@ def test_a_link_that_was_well_again_needs_no_data_the_next_time() -> None:
     """Behind a bus-off only data shows that the bus is well; behind a plug that was pulled a quiet while
     does, also where a bus-off was before it and is over."""
     link = Link("CAN x", LOG)
-    link._opened(0.0)
-    link._failed(1.0, "bus-off", until_data=True)
-    link._opened(2.0)
-    link._well(2.0 + STABLE_S, False)
+    link._note_opened(0.0)
+    link._note_failure(1.0, "bus-off", until_data=True)
+    link._note_opened(2.0)
+    link._note_working(2.0 + STABLE_S, False)
     assert link.is_down
-    link._well(20.0, True)
+    link._note_working(20.0, True)
     assert not link.is_down
-    link._failed(30.0, "unplugged")
-    link._opened(31.0)
-    link._well(32.9, False)  # two seconds are a while
+    link._note_failure(30.0, "unplugged")
+    link._note_opened(31.0)
+    link._note_working(32.9, False)  # two seconds are a while
     assert link.is_down
-    link._well(33.0, False)
+    link._note_working(33.0, False)
     assert (False, "") == (link.is_down, link.reason)
 
 
@@ -289,13 +289,13 @@ def test_a_link_waits_from_its_failure_and_begins_with_short_pauses_again(
     link = Link("label", LOG)
     waits = []
     for _ in range(7):
-        link._failed(100.0, "gone")
+        link._note_failure(100.0, "gone")
         waits.append(round(link.next_try_s - 100.0, 9))
     assert [0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0] == waits
-    link._opened(110.0)
+    link._note_opened(110.0)
     assert (math.inf, True, True, 1) == (link.next_try_s, link.is_open, link.is_down, link.downs)
-    link._well(110.5, True)
-    link._failed(200.0, "gone")
+    link._note_working(110.5, True)
+    link._note_failure(200.0, "gone")
 
     assert (200.2, 2) == (pytest.approx(link.next_try_s), link.downs)
     down = "label: gone; trying again until it is back"

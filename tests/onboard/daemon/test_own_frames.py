@@ -42,7 +42,7 @@ def test_answers_count_on_the_bus_that_is_asked_alone(tmp_path: Path, bus: str, 
     assert 0 == frames.status({})["obd"]["answered"]
     frames.received(number, [ANSWERS], 3.0)
     assert (1, 72) == tuple(frames.status({})["obd"][key] for key in ("answered", "speed_kmh"))
-    assert {number: 1} == {bus: len(sent) for bus, sent in frames.asking(3.0, None).items()}
+    assert {number: 1} == {bus: len(sent) for bus, sent in frames.speed_request(3.0, None).items()}
 
 
 @pytest.mark.parametrize(("last", "asked"), [(None, 0), (at(2.0), 0), (at(2.01), 1)])
@@ -52,7 +52,7 @@ def test_a_car_moves_beyond_two_metres_a_second(tmp_path: Path, last: Step | Non
     for now_s in range(0, 101, 10):
         frames.received(0, [wheels_frame(float(now_s))], float(now_s))
 
-    assert asked == len(frames.asking(100.0, last)[0])
+    assert asked == len(frames.speed_request(100.0, last)[0])
 
 
 def test_a_tester_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -72,7 +72,7 @@ def test_the_status_says_what_is_configured(tmp_path: Path) -> None:
     assert ({}, [], []) == (
         nothing.status({"wheels_agree": True}),
         nothing.filters(0),
-        nothing.asking(9.0, None)[0],
+        nothing.speed_request(9.0, None)[0],
     )
     nothing.received(0, [ANSWERS], 1.0)
     assert {} == nothing.status({})

@@ -28,7 +28,7 @@ def test_the_first_tick_makes_it_ready_and_feeds_the_watchdog() -> None:
     kept = Kept()
     manager = ServiceManager(kept)  # type: ignore[arg-type]
     for ticks, now_s in ((0, 0.0), (1, 1.0), (1, 12.0), (2, 12.5)):
-        manager.ticked(ticks, lambda: "well", now_s)
+        manager.note_ticks(ticks, lambda: "well", now_s)
 
     assert ["ready well", "fed", "status well", "fed"] == kept.said
     assert STATUS_S < 11.0

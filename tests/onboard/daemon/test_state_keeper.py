@@ -59,7 +59,7 @@ def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, caplog: pytest.LogCap
     state.service(0.0, lambda: {"n": 0})
     for now_s in range(60, 400):
         state.service(float(now_s), lambda now_s=now_s: {"n": now_s})  # type: ignore[misc]
-        state.alarm_changed()
+        state.request_save()
     state.save(400.0, {"n": 400}, wait_s=0.01)
     assert (1, None) == (len(begun), saved(config))
     assert [f"{config.state.file}: not saved: the disk does not answer"] == caplog.messages
@@ -82,10 +82,10 @@ def test_a_write_that_hangs_is_not_over(tmp_path: Path, monkeypatch: pytest.Monk
         return wait(seconds)
 
     monkeypatch.setattr(writer._done, "wait", patient)
-    assert (False, False, True) == (writer.over(), writer.over(0.01), writer.busy)
+    assert (False, False, True) == (writer.finished(), writer.finished(0.01), writer.busy)
     assert waited == [0.0, 0.01]
     go_on.set()
-    assert (True, False) == (writer.over(60.0), writer.busy)
+    assert (True, False) == (writer.finished(60.0), writer.busy)
 
 
 def test_without_memory_for_a_thread_the_state_is_saved_all_the_same(
@@ -172,7 +172,7 @@ def test_an_alarm_is_saved_at_once_but_not_each_of_many(tmp_path: Path) -> None:
     seen = []
     for step in range(100):
         now_s = 10.0 + 0.1 * step
-        state.alarm_changed()
+        state.request_save()
         state.service(now_s, lambda step=step: {"n": step})  # type: ignore[misc]
         seen.append(saved(config)["n"])
 
@@ -215,7 +215,7 @@ def test_an_alarm_that_could_not_be_saved_is_tried_again_soon(tmp_path: Path) ->
     (tmp_path / "gone").write_text("a file where a folder should be")
     state = StateKeeper(config, LOG, PromptWriter())
     state.service(0.0, lambda: {"n": 0})
-    state.alarm_changed()
+    state.request_save()
     state.service(10.0, lambda: {"n": 1})
     (tmp_path / "gone").unlink()
     for now_s in np.arange(10.1, 16.0, 0.1):
@@ -422,8 +422,8 @@ def test_at_the_end_a_slow_disk_has_five_seconds(
     """Twice that, for a write before it too, is within the 15 s that systemd gives the daemon to stop."""
 
     class Slow(StateWriter):
-        def over(self, wait_s: float = 0.0) -> bool:
-            return wait_s >= needs_s and super().over(60.0)
+        def finished(self, wait_s: float = 0.0) -> bool:
+            return wait_s >= needs_s and super().finished(60.0)
 
     config, _ = car(tmp_path)
     StateKeeper(config, LOG, Slow()).save(0.0, {"n": 1})

@@ -43,7 +43,7 @@ class BusInterface(Protocol):
         """Return the descriptor to wait on, if there is one."""
 
     def read(self, limit: int = READ_AT_ONCE) -> list[CanFrame]:
-        """Return frames that are there."""
+        """Return frames that have arrived."""
 
     def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
         """Send; False if the queue is full."""
@@ -65,6 +65,7 @@ def open_can(config: CanConfig, filters: list[dict[str, Any]] | None, channel: s
 
 
 def _is_up(channel: str, interfaces: Path = Path("/sys/class/net")) -> bool:
+    """Return whether a network interface is up; True where the system does not say."""
     try:
         flags = int((interfaces / channel / "flags").read_text("ascii"), 16)
     except (OSError, ValueError):
@@ -73,13 +74,14 @@ def _is_up(channel: str, interfaces: Path = Path("/sys/class/net")) -> bool:
 
 
 def own_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
-    """Filters for a bus that is only sent to; python-can takes an empty list for "everything"."""
+    """Return the filters for a bus that is only sent to; python-can takes an empty list for "everything"."""
     mask = 0x1FFFFFFF if alarms.extended_ids else 0x7FF
     return [{"can_id": alarms.alarm_id, "can_mask": mask, "extended": alarms.extended_ids}]
 
 
 def reset_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
-    """Return the filter that lets a request for a reset through, where one is configured."""
+    """Return the filters that let the frame of a reset request through; none where no such frame is
+    configured."""
     if alarms.reset_id is None:
         return []
     mask = 0x1FFFFFFF if alarms.extended_ids else 0x7FF
@@ -128,17 +130,17 @@ class BusLink(Link):
         return None if self._bus is None else self._bus.fileno()
 
     def service(self, now_s: float) -> None:
-        """Open it if that is due."""
+        """Open the channel if an attempt is due."""
         if self._bus is None and now_s >= self._next_try_s:
             try:
                 self._bus = self._open_bus()
             except CanDown as error:
-                self._failed(now_s, error.reason)
+                self._note_failure(now_s, error.reason)
             else:
-                self._opened(now_s)
+                self._note_opened(now_s)
 
     def read(self, now_s: float) -> list[CanFrame]:
-        """Return all data frames that are there; error frames are counted, remote frames left out."""
+        """Return all data frames that have arrived; error frames are counted, remote frames left out."""
         frames: list[CanFrame] = []
         for _ in range(READS_AT_ONCE):
             if self._bus is None:
@@ -146,12 +148,12 @@ class BusLink(Link):
             try:
                 got = self._bus.read(READ_AT_ONCE)
             except CanDown as error:
-                self._give_up(now_s, error.reason)
+                self._close_failed(now_s, error.reason)
                 break
             frames += got
             if len(got) < READ_AT_ONCE:
                 # Error frames are no sign of life: a bus-off that comes again and again is one, not many.
-                self._well(now_s, any(not frame.is_error for frame in frames))
+                self._note_working(now_s, any(not frame.is_error for frame in frames))
                 break
         self.counts["frames"] += len(frames)
         errors = [frame for frame in frames if frame.is_error]
@@ -160,7 +162,7 @@ class BusLink(Link):
         return [frame for frame in frames if not frame.is_error and not frame.is_remote]
 
     def _take_errors(self, errors: list[CanFrame], last: CanFrame, now_s: float) -> None:
-        """Count error frames; a controller that has switched itself off is a bus that is down."""
+        """Count error frames; close the bus if its controller has switched itself off."""
         self.counts["error_frames"] += len(errors)
         if not self._error_classes:
             return
@@ -173,7 +175,7 @@ class BusLink(Link):
         # Data after it: the controller has been restarted meanwhile.
         if off and last.is_error and self._bus is not None:
             self.close()
-            self._failed(now_s, "bus-off: the controller has switched itself off", until_data=True)
+            self._note_failure(now_s, "bus-off: the controller has switched itself off", until_data=True)
         elif hint != self.hint:
             self.hint = hint
             if hint and now_s >= self._hint_logged_s + HINT_PERIOD_S:
@@ -181,7 +183,7 @@ class BusLink(Link):
                 self._log.warning("%s: %s", self.label, hint)
 
     def send(self, frames: list[OutFrame], now_s: float) -> None:
-        """Send what can be sent; the rest is counted."""
+        """Send as many frames as the queue takes; the others are counted."""
         for frame in frames:
             if self._bus is None:
                 self.counts["tx_down"] += 1
@@ -190,7 +192,7 @@ class BusLink(Link):
                 sent = self._bus.send(frame.arbitration_id, frame.data, frame.extended)
             except CanDown as error:
                 self.counts["tx_down"] += 1
-                self._give_up(now_s, error.reason)
+                self._close_failed(now_s, error.reason)
                 continue
             self.counts["sent" if sent else "tx_full"] += 1
             if sent == self._full:
@@ -201,7 +203,7 @@ class BusLink(Link):
                     self._log.info("%s: frames are being sent again", self.label)
 
     def close(self) -> None:
-        """Close it for good."""
+        """Close the channel for good."""
         bus, self._bus = self._bus, None
         self._is_open = False
         self.hint = ""
@@ -211,6 +213,7 @@ class BusLink(Link):
             self._malformed_before += bus.malformed
             bus.close()
 
-    def _give_up(self, now_s: float, reason: str) -> None:
+    def _close_failed(self, now_s: float, reason: str) -> None:
+        """Close the channel after a failure; it is tried again later."""
         self.close()
-        self._failed(now_s, reason)
+        self._note_failure(now_s, reason)

@@ -40,7 +40,7 @@ HINTS = {
 
 
 def error_names(identifier: int, data: bytes) -> set[str]:
-    """Return the names of the errors in an error frame; empty if it holds none that is known here."""
+    """Return the names of the errors in an error frame; empty if none is known."""
     names = {name for bit, name in _CLASSES.items() if identifier & bit}
     if identifier & _CONTROLLER and len(data) > 1:
         names |= {name for bit, name in _CONTROLLER_STATES.items() if data[1] & bit}
@@ -48,7 +48,7 @@ def error_names(identifier: int, data: bytes) -> set[str]:
 
 
 def hint_after(names: set[str], before: str) -> str:
-    """Return the hint on the controller after an error frame; `before`: the hint until then."""
+    """Return the hint on the controller's state after an error frame; `before`: the hint until then."""
     for state, hint in HINTS.items():
         if state in names:
             return hint

@@ -35,7 +35,9 @@ def config_toml(config: Config, dbc: str) -> str:
             lines.append("")
             if config.can.buses:
                 lines.append("[can.buses]")
-                lines += [f"{_key(name)} = {_bus_table(bus, dbc)}" for name, bus in config.can.buses.items()]
+                lines += [
+                    f"{_quoted_key(name)} = {_bus_table(bus, dbc)}" for name, bus in config.can.buses.items()
+                ]
                 lines.append("")
     return "\n".join(lines)
 
@@ -58,7 +60,7 @@ def _value(config: Config, table: str, name: str, dbc: str) -> str | None:
 
 
 def signal_toml(can: CanConfig, role: str) -> str:
-    """Return a signal as the file has it: its name, or a table where it has options."""
+    """Return a signal's value as TOML: its name, or a table where it has options."""
     option, name = can.option(role), _toml_value(can.signals[role])
     parts = [f"signal = {name}"]
     for field in dataclasses.fields(option):
@@ -80,11 +82,13 @@ def _bus_table(bus: BusConfig, dbc: str) -> str:
     return "{ " + ", ".join([*parts, f"dbc = {_toml_value(dbc)}"]) + " }"
 
 
-def _key(name: str) -> str:
+def _quoted_key(name: str) -> str:
+    """Return a TOML key in quotes."""
     return json.dumps(name, ensure_ascii=False)
 
 
 def _toml_value(value: object) -> str:
+    """Return a value as TOML text; TypeError for a type that no configuration has."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):

@@ -23,8 +23,8 @@ class Deadlines:
         return self._start_s + self._next * self._period_s
 
     def due_lateness_s(self, now_s: float) -> float | None:
-        """Return the lateness of the tick that is due now, None if none is; all deadlines until now are then
-        past."""
+        """Return the lateness of the tick that is due now, s, None if none is; skips all deadlines that have
+        passed."""
         late_s = now_s - self.next_s
         if late_s < 0.0:
             return None
@@ -43,7 +43,7 @@ class PeriodicTask:
         self._next_s: float | None = None
 
     def due(self, now_s: float) -> bool:
-        """Return whether it is time; if so, the next time is a period from now."""
+        """Return whether the task is due; if so, it is due next a period from now."""
         if self._next_s is not None and now_s < self._next_s:
             return False
         self._next_s = now_s + self._period_s

@@ -122,6 +122,7 @@ class DriveRecording:
                 self._folder.rmdir()
 
     def _collect_input(self, monotonic_s: float) -> None:
+        """Read bus and receiver, and add to the files and the progress."""
         seen = self.seen
         for frame in self._bus.read(monotonic_s):
             line = candump_line(frame, "_".join(frame.channel.split()) or "can0")
@@ -143,6 +144,7 @@ class DriveRecording:
                     seen.speed_mps, seen.quality = event.speed_mps, event.quality
 
     def _flush_files(self, sync: bool) -> None:
+        """Write the buffers, and set the reason to stop if that fails or a limit is reached."""
         if self.seen.why:
             return
         try:

@@ -53,11 +53,12 @@ class Feeder:
     def feed(
         self, now_s: float, monotonic_s: float, faults: Callable[[float], list[SourceFault]]
     ) -> list[Step]:
-        """Hand over what is due at `now_s` (wall clock); `faults`: the links' faults at a time."""
+        """Feed the pipeline with the inputs that are due at `now_s` (wall clock) and return its steps;
+        `faults`: the links' faults at a time."""
         until_s = rounded(now_s - self._grace_s)
         steps: list[Step] = []
         if self._clock_stepped(now_s, monotonic_s):
-            for item in self._queue.clock_stepped(now_s):
+            for item in self._queue.release_at_clock_step(now_s):
                 steps += self._hand_to_pipeline(item)
             # A replay will notice the step with the first stamp behind it, so that is waited for.
             self._hold_until_s = monotonic_s + HOLD_S
@@ -67,7 +68,7 @@ class Feeder:
             steps += self._hand_to_pipeline(item)
         if monotonic_s < self._hold_until_s:
             return steps
-        self._mark(until_s)
+        self._record_passed_time(until_s)
         self._advanced_s = until_s
         steps += self._pipeline.advance(until_s)
         for fault in faults(until_s):
@@ -75,7 +76,7 @@ class Feeder:
         return steps
 
     def finish(self) -> list[Step]:
-        """Hand over everything at the end; return the ticks that can be completed."""
+        """Feed the pipeline with all inputs at the end; return the last steps."""
         steps: list[Step] = []
         for item in self._queue.release(math.inf):
             steps += self._hand_to_pipeline(item)
@@ -84,6 +85,7 @@ class Feeder:
         return steps + self._pipeline.finish()
 
     def _hand_to_pipeline(self, item: Input) -> list[Step]:
+        """Record an input and feed it to the pipeline; return the steps that it completes."""
         self._written_s = max(self._written_s, item.time_s)
         if isinstance(item, CanFrame):
             if self._recorder is not None:
@@ -96,8 +98,8 @@ class Feeder:
             self._recorder.sentence(item.time_s, item.line)
         return self._pipeline.on_sentence(item.time_s, item.line)
 
-    def _mark(self, until_s: float) -> None:
-        """Record how time went on while nothing came."""
+    def _record_passed_time(self, until_s: float) -> None:
+        """Record that time went on to `until_s` while no input came."""
         if self._recorder is None or until_s - self._written_s < MARK_S:
             return
         if self._written_s < self._advanced_s:
@@ -107,6 +109,7 @@ class Feeder:
         self._written_s = until_s
 
     def _clock_stepped(self, now_s: float, monotonic_s: float) -> bool:
+        """Return whether the host's clock has stepped against the monotonic one, and count it."""
         offset_s, before_s = now_s - monotonic_s, self._offset_s
         self._offset_s = offset_s
         if math.isnan(before_s) or abs(offset_s - before_s) < CLOCK_STEP_S:

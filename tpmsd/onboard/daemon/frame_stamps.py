@@ -29,12 +29,12 @@ class FrameStamps:
         self.reset()
 
     def reset(self) -> None:
-        """Begin again: the host's clock has stepped, or another adapter is there."""
+        """Forget the offset: the host's clock has stepped, or another adapter is there."""
         self._min_s = self._min_before_s = math.inf
         self._since_s = -math.inf
 
     def offset_s(self, stamps_s: Sequence[float], now_s: float) -> float:
-        """Return what is to be added to the stamps of frames that were all read by `now_s`, s.
+        """Return the offset, s, to add to the stamps of frames that were all read by `now_s`.
 
         One offset for all of them: their distances are the adapter's, however long the reading took.
         """

@@ -44,7 +44,7 @@ class RecentFaults:
 
 
 class Health:
-    """Gathers what is known of loop and inputs; times are monotonic."""
+    """Gathers the state of loop and inputs; times are monotonic."""
 
     def __init__(
         self, config: Config, bus: BusLink, receiver: ReceiverLink | None, queue: InputQueue, start_s: float
@@ -62,12 +62,12 @@ class Health:
         self.ticks = 0
         self.last: Step | None = None
 
-    def frames_came(self, now_s: float) -> None:
-        """Note that frames were read."""
+    def note_frames(self, now_s: float) -> None:
+        """Note that frames were read at this time."""
         self._frame_s = now_s
 
-    def stepped(self, steps: list[Step], pipeline: Pipeline, now_s: float) -> None:
-        """Note that the pipeline was fed and made these steps."""
+    def note_steps(self, steps: list[Step], pipeline: Pipeline, now_s: float) -> None:
+        """Note the steps that the pipeline has made, and the time of its last fix."""
         if steps:
             self.ticks += len(steps)
             self.last = steps[-1]
@@ -95,14 +95,14 @@ class Health:
         )
 
     def _vehicle_state(self) -> tuple[str, VehicleState | None] | None:
-        """Method and last state, if one is asked for."""
+        """Return method and last state of the vehicle-state estimator; None if none is configured."""
         method = self._config.vehicle_state.method
         if method is None:
             return None
         return method, None if self.last is None else self.last.vehicle_state
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
-        """Return the most important in one line."""
+        """Return tyres, speed, inputs and ticks in one line."""
         bus, gnss = self._can_health(pipeline, now_s), self._gnss_health(pipeline, now_s)
         parts = ["starting" if self.last is None else tyres_line(self.last.report)]
         if self.last is not None and math.isfinite(self.last.estimate.speed_mps):
@@ -131,7 +131,7 @@ class Health:
             implausible=pipeline.timeline.counts["implausible"],
         )
         age_s = now_s - self._frame_s
-        state = _state(bus.is_down, bus.counts["frames"] > 0, age_s, BUS_SILENT_S)
+        state = _source_state(bus.is_down, bus.counts["frames"] > 0, age_s, BUS_SILENT_S)
         detail = bus.reason or bus.hint
         return SourceHealth(
             state,
@@ -157,20 +157,20 @@ class Health:
         )
         age_s = now_s - self._fix_s
         if receiver is None:  # its fixes come on the bus
-            state = _state(self._bus.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
+            state = _source_state(self._bus.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
             recent = self._gnss_recent.update(now_s, faults)
             return SourceHealth(
                 state, source.label, self._fixes, dict(faults), age_s, faults_last_minute=recent
             )
         faults += Counter(unplugged=receiver.downs, overlong=receiver.overlong)
         recent = self._gnss_recent.update(now_s, faults)
-        state = _state(receiver.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
+        state = _source_state(receiver.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
         detail = receiver.reason or receiver.hint
         return SourceHealth(state, source.label, self._fixes, dict(faults), age_s, detail, recent)
 
 
 def tyres_line(report: MonitorReport) -> str:
-    """Return the tyres in a few words."""
+    """Return the state of the tyres in a few words."""
     if report.active:
         alarms = sorted(
             {f"{alarm.kind}{f' {alarm.wheel}' if alarm.wheel else ''}" for alarm in report.active}
@@ -184,7 +184,8 @@ def tyres_line(report: MonitorReport) -> str:
     return f"monitoring {len(watched)} wheels, no alarm"
 
 
-def _state(down: bool, seen: bool, age_s: float, silent_s: float) -> SourceState:
+def _source_state(down: bool, seen: bool, age_s: float, silent_s: float) -> SourceState:
+    """Return the state of an input: down, waiting for its first data, silent for too long, or in order."""
     if down:
         return SourceState.DOWN
     if not seen:

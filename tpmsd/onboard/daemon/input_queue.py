@@ -32,7 +32,7 @@ _FRAME, _SENTENCE = 0, 1
 
 
 def rounded(stamp_s: float) -> float:
-    """Return a stamp as a recording holds it, in microseconds: live and replay reckon with the very same
+    """Return a stamp rounded to microseconds, as a recording holds it: live and replay compute with the same
     numbers."""
     return round(stamp_s, 6)
 
@@ -67,7 +67,7 @@ class InputQueue:
         self._push(stamp_s, _SENTENCE, Sentence(stamp_s, line, 0))
 
     def release(self, until_s: float) -> Iterator[Input]:
-        """Yield the inputs stamped up to then, oldest first."""
+        """Yield the inputs stamped up to `until_s`, oldest first, and remove them."""
         while self._heap and self._heap[0][0] <= until_s:
             stamp_s, _, _, item = heapq.heappop(self._heap)
             if stamp_s < self._released_until_s - LATE_S:
@@ -76,9 +76,9 @@ class InputQueue:
             yield item
         self._released_until_s = max(self._released_until_s, until_s)
 
-    def clock_stepped(self, now_s: float) -> list[Input]:
-        """Return the inputs stamped before a backward step of the host's clock, oldest first, once the clock
-        has stepped.
+    def release_at_clock_step(self, now_s: float) -> list[Input]:
+        """Return the inputs stamped before a backward step of the host's clock, oldest first, and remove
+        them.
 
         Those stamps lie ahead of the clock as it is now. They go first; what follows is on the new time.
         """
@@ -89,6 +89,7 @@ class InputQueue:
         return [entry[3] for entry in before]
 
     def _push(self, stamp_s: float, kind: int, item: Input) -> None:
+        """Add an input; drop the oldest one, counted, beyond the capacity."""
         self._number += 1
         heapq.heappush(self._heap, (stamp_s, kind, self._number, item))
         if len(self._heap) > self._capacity:

@@ -49,13 +49,14 @@ class Link:
         """Time of the next attempt to open it (monotonic); infinite while it is open."""
         return math.inf if self._is_open else self._next_try_s
 
-    def _opened(self, now_s: float) -> None:
+    def _note_opened(self, now_s: float) -> None:
+        """Note that the input was opened."""
         self._is_open = True
         self._opened_s = now_s
         self.generation += 1
 
-    def _well(self, now_s: float, data: bool) -> None:
-        """Call often while it is open; `data`: something was read."""
+    def _note_working(self, now_s: float, data: bool) -> None:
+        """Report the input as back once it has delivered data or stayed open; `data`: something was read."""
         if not data and (self._until_data or now_s - self._opened_s < STABLE_S):
             return
         self._until_data = False
@@ -65,8 +66,9 @@ class Link:
             self._down_since_s = None
             self.reason = ""
 
-    def _failed(self, now_s: float, reason: str, until_data: bool = False) -> None:
-        """`until_data`: only data, not a mere opening, will show that it is well again."""
+    def _note_failure(self, now_s: float, reason: str, until_data: bool = False) -> None:
+        """Note and log a failure, and schedule the next attempt; `until_data`: only data, not a mere opening,
+        will show that the input works again."""
         self._is_open = False
         self._until_data |= until_data
         self.generation += 1

@@ -193,8 +193,8 @@ class Daemon:
         return {"version": DOCUMENT_VERSION, **self._pipeline.explain()}
 
     def reset(self, tyres: str | None) -> str:
-        """Let the pipeline learn the tyres again with its next inputs; return the reason if it cannot, or
-        nothing."""
+        """Let the pipeline learn the tyres again with its next inputs; return the reason if it cannot, else
+        an empty text."""
         if tyres is not None and NAME.fullmatch(tyres) is None:
             return "that is no name of a set of tyres (a-z 0-9 _ -, at most 24 characters)"
         now_s = self._clock.monotonic()
@@ -225,6 +225,7 @@ class Daemon:
             self._finish()
 
     def _start(self, stack: contextlib.ExitStack) -> None:
+        """Open the status server and watch for signals."""
         self._log.info("tpmsd watches %s, receiver %s", self._bus.label, self._receiver_name)
         self._open_server()
         if threading.current_thread() is threading.main_thread():
@@ -234,6 +235,8 @@ class Daemon:
             self._log.info("recording to %s", self._recorder.folder)
 
     def _open_server(self) -> None:
+        """Open the status server; go on without one if that fails, unless another daemon answers on its
+        socket."""
         assert self._server is not None
         try:
             self._server.open()
@@ -247,6 +250,7 @@ class Daemon:
             self._descriptors.add(self._server.fileno(), self._server)
 
     def _run_once(self, end_s: float) -> None:
+        """Wait for input or the next deadline, read all inputs, and tick if that is due."""
         now_s = self._clock.monotonic()
         for link in self._links():
             link.service(now_s)
@@ -268,7 +272,7 @@ class Daemon:
             self._report_lag(late_s)
 
     def _collect(self) -> tuple[float, float]:
-        """Read all that is there into the queue; return the clock's time before that.
+        """Read all inputs into the queue; return the clock's time (host, monotonic) before that.
 
         All that was stamped until then is in the queue now. Of later times that cannot be said: this process
         may be held up at any line, and what comes meanwhile waits to be read.
@@ -278,7 +282,7 @@ class Daemon:
             if frames := bus.read(monotonic_s):
                 self._own.received(number, frames, monotonic_s)
                 self._enqueue(number, frames, now_s)
-                self._health.frames_came(monotonic_s)
+                self._health.note_frames(monotonic_s)
         if self._out is not self._bus:
             self._out.read(monotonic_s)
         if self._receiver is not None:
@@ -295,7 +299,7 @@ class Daemon:
             self._queue.put_frame(frame, stamp_s + offset_s, now_s)
 
     def _tick(self, now_s: float, monotonic_s: float) -> None:
-        """Feed the pipeline with what came until then."""
+        """Feed the pipeline with the inputs up to now, and handle its steps."""
         steps_before = self._feeder.clock_steps
         self._handle(self._feeder.feed(now_s, monotonic_s, self._inputs_down), monotonic_s)
         if self._feeder.clock_steps != steps_before:
@@ -304,7 +308,7 @@ class Daemon:
                 stamps.reset()
         self._state.service(monotonic_s, self._pipeline.snapshot)
         self._notices.service(monotonic_s / self._clock.scale)
-        self._send(self._own.asking(monotonic_s, self._health.last), monotonic_s)
+        self._send(self._own.speed_request(monotonic_s, self._health.last), monotonic_s)
         self._report(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
@@ -313,16 +317,16 @@ class Daemon:
                 self._recorder.flush()
 
     def _handle(self, steps: list[Step], monotonic_s: float) -> None:
-        """Give each step to the sinks."""
-        self._health.stepped(steps, self._pipeline, monotonic_s)
+        """Hand each step to the outputs."""
+        self._health.note_steps(steps, self._pipeline, monotonic_s)
         for step in steps:
             for event in step.report.events:
                 log_alarm(self._log, event)
                 self._notices.add(event)
-                self._state.alarm_changed()
+                self._state.request_save()
             # The tick's own time, not the host's: it only rises.
             self._out.send(self._reporter.frames(step.tick.time_s, step.report), monotonic_s)
-            self._send(self._own.of_step(step), monotonic_s)
+            self._send(self._own.frames_of_step(step), monotonic_s)
             if self._on_step is not None:
                 self._on_step(step)
 
@@ -344,16 +348,18 @@ class Daemon:
     def _report(self, monotonic_s: float) -> None:
         """Report the state to the service manager and the log."""
         was_ready = self._manager.is_ready
-        self._manager.ticked(self._health.ticks, self._line, monotonic_s)
+        self._manager.note_ticks(self._health.ticks, self._status_line, monotonic_s)
         if self._manager.is_ready and not was_ready:
-            self._log.info("first tick: %s", self._line())
+            self._log.info("first tick: %s", self._status_line())
         elif self._verbose.due(monotonic_s):
-            self._log.debug("%s", self._line())
+            self._log.debug("%s", self._status_line())
 
-    def _line(self) -> str:
+    def _status_line(self) -> str:
+        """Return tyres, speed, inputs and ticks in one line."""
         return self._health.line(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
 
     def _report_lag(self, late_s: float) -> None:
+        """Log that ticks are late, not more often than once in a while."""
         late_s = self._clock.to_real(late_s)
         if late_s > LAG_S and self._lag.due(self._clock.monotonic()):
             self._log.warning(
@@ -361,7 +367,7 @@ class Daemon:
             )
 
     def _finish(self) -> None:
-        """Stop in order: what was received is used, what was learned is saved."""
+        """Shut down in order: process what was received, save what was learned."""
         self._log.info("stopping: %s", self._stopping)
         self._manager.stopping(self._stopping)
         self._collect()
@@ -371,6 +377,7 @@ class Daemon:
             self._state.save(monotonic_s, self._pipeline.snapshot())
 
     def _close(self) -> None:
+        """Close all links, files and sockets."""
         self._notices.close()
         for link in self._links():
             link.close()
@@ -382,6 +389,7 @@ class Daemon:
         self._manager.close()
 
     def _links(self) -> list[BusLink | ReceiverLink]:
+        """Return all buses, and the receiver if there is one."""
         links: list[BusLink | ReceiverLink] = [self._bus, *self._others]
         if self._out is not self._bus:
             links.append(self._out)

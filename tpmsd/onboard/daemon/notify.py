@@ -51,9 +51,9 @@ class Notices:
         self._waiting.append(event)
 
     def service(self, now_s: float) -> None:
-        """Look after the program that runs, and start the next where one is due; never waits."""
+        """Poll the running program, and start the next if one is due; never waits."""
         if self._process is not None:
-            self._look_after(self._process, now_s)
+            self._poll_process(self._process, now_s)
         due = now_s - self._last_s >= self._config.min_interval_s
         if self._process is None and self._waiting and due:
             self._start_process(self._waiting.popleft(), now_s)
@@ -64,7 +64,8 @@ class Notices:
         self._waiting.clear()
         self._process = None
 
-    def _look_after(self, process: subprocess.Popen[bytes], now_s: float) -> None:
+    def _poll_process(self, process: subprocess.Popen[bytes], now_s: float) -> None:
+        """Kill the program if it takes too long; log and count a failure if it has ended with one."""
         code = process.poll()
         if code is None and now_s - self._begun_s > self._config.timeout_s:
             self.counts["killed"] += 1
@@ -81,6 +82,7 @@ class Notices:
                 self._last_logged = ""
 
     def _start_process(self, event: AlarmEvent, now_s: float) -> None:
+        """Start the program for an event; a failure to start is counted and logged."""
         self._last_s = self._begun_s = now_s
         try:
             self._process = subprocess.Popen(
@@ -106,18 +108,19 @@ class Notices:
 
 
 def variables(event: AlarmEvent) -> dict[str, str]:
-    """Return the variables that the program is given; a number that is not known is an empty text."""
+    """Return the environment variables that the program is given; an unknown number is an empty text."""
     return {
         "TPMSD_KIND": str(event.kind),
         "TPMSD_STATE": event.state,
         "TPMSD_WHEEL": event.wheel or "",
-        "TPMSD_TIME": _number(event.time_s, 3),
-        "TPMSD_DEVIATION_MM": _number(1e3 * event.deviation_m, 2),
-        "TPMSD_PRESSURE_LOSS_PERCENT": _number(100.0 * event.pressure_loss, 0),
-        "TPMSD_PROBABILITY": _number(event.probability, 4),
+        "TPMSD_TIME": _format_number(event.time_s, 3),
+        "TPMSD_DEVIATION_MM": _format_number(1e3 * event.deviation_m, 2),
+        "TPMSD_PRESSURE_LOSS_PERCENT": _format_number(100.0 * event.pressure_loss, 0),
+        "TPMSD_PROBABILITY": _format_number(event.probability, 4),
         "TPMSD_REASON": "".join(c if c.isprintable() else " " for c in event.reason),
     }
 
 
-def _number(value: float, digits: int) -> str:
+def _format_number(value: float, digits: int) -> str:
+    """Return a number with these decimals; an empty text if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else ""

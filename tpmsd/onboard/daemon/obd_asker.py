@@ -42,7 +42,7 @@ class ObdAsker:
         return self._config.speed
 
     def filters(self) -> list[dict[str, Any]]:
-        """Return the filters that let the answers through, and others' requests."""
+        """Return the CAN filters that let answers, and other nodes' requests, through."""
         if not self:
             return []
         extended = self._config.extended_ids
@@ -74,8 +74,8 @@ class ObdAsker:
         return ""
 
     def frames(self, now_s: float, moving: bool) -> list[OutFrame]:
-        """Return the frame that is due; `moving`: wheels or receiver say that the car moves. Call once per
-        round."""
+        """Return the request if one is due, else nothing; `moving`: wheels or receiver report motion. Call
+        once per round."""
         if moving:
             self._until_s = now_s + AWAKE_S
         period_s = RARELY_S if self._in_vain >= UNANSWERED else self._config.period_s

@@ -34,13 +34,13 @@ class OwnFrames:
             log.warning("[obd] the car is asked for its speed: 0x%X every %g s on its bus", *asked)
 
     def filters(self, bus: int) -> list[dict[str, Any]]:
-        """Return the filters that let answers through, and frames that others send under the same
-        identifiers."""
+        """Return the CAN filters that let answers, and other nodes' frames under the same identifiers,
+        through."""
         asked = self._asker.filters() if bus == self._asked_bus else []
         return [*self._outputs.filters(bus), *asked]
 
     def received(self, bus: int, frames: list[CanFrame], monotonic_s: float) -> None:
-        """Take frames that came on a bus; what that ends is logged."""
+        """Take frames of a bus; log if another node's frame ends an output or the requests."""
         asked = bool(self._asker) and bus == self._asked_bus
         if not (self._outputs or asked):
             return
@@ -51,12 +51,13 @@ class OwnFrames:
             if note:
                 self._log.warning("%s", note)
 
-    def of_step(self, step: Step) -> Mapping[int, list[OutFrame]]:
-        """Return the outputs that a step makes due."""
+    def frames_of_step(self, step: Step) -> Mapping[int, list[OutFrame]]:
+        """Return the configured outputs that a step makes due, by bus number."""
         return self._outputs.frames(step.tick.time_s, step.report)
 
-    def asking(self, monotonic_s: float, last: Step | None) -> Mapping[int, list[OutFrame]]:
-        """Return the request for the speed, if it is due; `last`: the last step."""
+    def speed_request(self, monotonic_s: float, last: Step | None) -> Mapping[int, list[OutFrame]]:
+        """Return the request for the speed by bus number, an empty list if it is not due; `last`: the last
+        step."""
         moving = last is not None and last.estimate.speed_mps > SIGNALS.moving_mps
         return {self._asked_bus: self._asker.frames(monotonic_s, moving)}
 

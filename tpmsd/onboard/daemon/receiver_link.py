@@ -53,7 +53,7 @@ def configured_receiver(config: GnssConfig) -> Receiver:
 
 
 def configured_stream(config: GnssConfig) -> GnssStream:
-    """Return the stream that takes the receiver's bytes apart."""
+    """Return the stream that turns the receiver's bytes into sentences."""
     source = source_of(config)
     return GpsdStream() if source is not None and source.kind == "gpsd" else NmeaStream()
 
@@ -95,20 +95,20 @@ class ReceiverLink(Link):
             return None
 
     def service(self, now_s: float) -> None:
-        """Open it if that is due."""
+        """Open the receiver if an attempt is due."""
         if self._is_open or now_s < self._next_try_s:
             return
         try:
             self._receiver.open()
         except ReceiverGone as error:
-            self._failed(now_s, error.reason)
+            self._note_failure(now_s, error.reason)
         else:
             self._stream.reset()
-            self._opened(now_s)
+            self._note_opened(now_s)
 
     def read(self, now_s: float, stamp_s: float) -> list[tuple[float, bytes]]:
-        """Return lines completed by what is there, each with the time of its first byte; `stamp_s`: host
-        time."""
+        """Return the lines completed by the bytes that have arrived, each with the time of its first byte;
+        `stamp_s`: host time."""
         lines: list[tuple[float, bytes]] = []
         for _ in range(READS_AT_ONCE):
             if not self._is_open:
@@ -117,9 +117,9 @@ class ReceiverLink(Link):
                 data = self._receiver.read()
             except ReceiverGone as error:
                 self._receiver.close()
-                self._failed(now_s, error.reason)
+                self._note_failure(now_s, error.reason)
                 break
-            self._well(now_s, bool(data))
+            self._note_working(now_s, bool(data))
             if not data:
                 break
             lines += self._stream.feed(data, stamp_s)
@@ -132,7 +132,7 @@ class ReceiverLink(Link):
         return lines
 
     def close(self) -> None:
-        """Give the line back for good."""
+        """Close the receiver for good."""
         if self._is_open:
             self._is_open = False
             self.generation += 1

@@ -37,12 +37,12 @@ class Appender:
         self._size = 0
 
     def add(self, line: bytes) -> bool:
-        """Take a line; True if it is time to flush."""
+        """Buffer a line; return True if it is time to flush."""
         self._buffer += line
         return len(self._buffer) >= BUFFER_BYTES
 
     def flush(self) -> None:
-        """Write what is held; OSError leaves the file with whole lines."""
+        """Write the buffer; OSError leaves the file with whole lines."""
         whole = self._size + len(self._buffer)
         try:
             while self._buffer:
@@ -53,11 +53,11 @@ class Appender:
         self._size = whole
 
     def sync(self) -> None:
-        """Bring what was written to the disk itself."""
+        """Force what was written onto the disk."""
         os.fsync(self._descriptor)
 
     def close(self) -> None:
-        """Close; what is held is lost."""
+        """Close the file; lines that were not flushed are lost."""
         os.close(self._descriptor)
 
 
@@ -70,7 +70,7 @@ class DriveRecorder:
         ConfigError if it cannot be made.
         """
         try:
-            self.folder = _free(folder)
+            self.folder = _free_folder(folder)
             (self.folder / "vehicle.toml").write_text(config_toml(config, "bus.dbc"), encoding="utf-8")
             shutil.copyfile(config.can.dbc, self.folder / "bus.dbc")
             self._can = Appender(self.folder / "can.log")
@@ -94,11 +94,11 @@ class DriveRecorder:
             self.flush()
 
     def mark(self, time_s: float) -> None:
-        """Record that the daemon's time has come to `time_s`."""
+        """Record that the daemon's time has advanced to `time_s`."""
         self.sentence(time_s, MARK)
 
     def flush(self) -> None:
-        """Hand everything to the system; where that fails, stop recording."""
+        """Write the buffers; where that fails, stop recording."""
         if self.stopped:
             return
         try:
@@ -135,8 +135,8 @@ def candump_line(frame: CanFrame, channel: str) -> bytes:
     )
 
 
-def _free(folder: Path) -> Path:
-    """Return the folder, or one beside it with a number, in which there is no drive yet."""
+def _free_folder(folder: Path) -> Path:
+    """Return the first of `folder`, `folder`-2, ... in which there is no drive yet, made if need be."""
     for number in range(1, _MAX_FOLDERS + 1):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         candidate.mkdir(parents=True, exist_ok=True)

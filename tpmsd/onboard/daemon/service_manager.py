@@ -26,8 +26,9 @@ class ServiceManager:
         self._fed_ticks = 0
         self.is_ready = False
 
-    def ticked(self, ticks: int, line: Callable[[], str], now_s: float) -> None:
-        """Call after every turn with the number of ticks so far; `line` says how it is."""
+    def note_ticks(self, ticks: int, line: Callable[[], str], now_s: float) -> None:
+        """Report readiness at the first tick, feed the watchdog while ticks advance, and send the status now
+        and then; call after every turn."""
         if ticks == 0:
             return
         if not self.is_ready:
@@ -45,5 +46,5 @@ class ServiceManager:
         self._notifier.stopping(f"stopping: {why}")
 
     def close(self) -> None:
-        """Give the socket back."""
+        """Close the socket."""
         self._notifier.close()

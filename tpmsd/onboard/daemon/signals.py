@@ -28,7 +28,7 @@ class SignalPipe:
         self._handlers: dict[signal.Signals, Any] = {}
 
     def fileno(self) -> int:
-        """Readable when a signal has come."""
+        """Return the descriptor, which is readable when a signal has come."""
         return self._reader.fileno()
 
     def read(self) -> list[signal.Signals]:
@@ -43,7 +43,7 @@ class SignalPipe:
         self._wakeup = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
         for number in STOP_SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:  # what nohup has switched off stays off
-                self._handlers[number] = signal.signal(number, _nothing)
+                self._handlers[number] = signal.signal(number, _ignore_signal)
         return self
 
     def __exit__(
@@ -56,5 +56,6 @@ class SignalPipe:
         self._writer.close()
 
 
-def _nothing(number: int, frame: FrameType | None) -> None:
-    """Do nothing: the byte on the descriptor is the message, and the default would end the process."""
+def _ignore_signal(number: int, frame: FrameType | None) -> None:
+    """Do nothing: the byte on the descriptor is the message, and the default handler would end the
+    process."""

@@ -32,8 +32,8 @@ Snapshot = dict[str, Any]
 
 
 def fingerprint(config: Config) -> str:
-    """Return the digest of what the learned radii depend on: another vehicle or other signals is another
-    car."""
+    """Return the digest of the settings that the learned radii depend on: another vehicle or other signals is
+    another car."""
     vehicle = dataclasses.asdict(config.vehicle)
     del vehicle["name"]  # the radii do not depend on it
     car: dict[str, Any] = {"vehicle": vehicle, "signals": config.can.signals}
@@ -61,8 +61,7 @@ class StateKeeper:
         self._complained = False
 
     def restored(self, make: Callable[[], Pipeline]) -> Pipeline:
-        """Return a pipeline with what was learned before, where there is a state that fits; else a new
-        one."""
+        """Return a pipeline restored from the state file, or a new one where there is no state that fits."""
         pipeline, snapshot = make(), self._load_snapshot()
         if snapshot is None:
             return pipeline
@@ -75,6 +74,7 @@ class StateKeeper:
         return pipeline
 
     def _load_snapshot(self) -> Snapshot | None:
+        """Return the saved snapshot; None if there is none, or none of this car."""
         if self._file is None:
             return None
         try:
@@ -93,33 +93,34 @@ class StateKeeper:
             return None
         return snapshot
 
-    def alarm_changed(self) -> None:
+    def request_save(self) -> None:
         """Save soon after a change of alarms: those that stand must survive a restart."""
         self._urgent = True
 
     def service(self, now_s: float, snapshot: Callable[[], Snapshot]) -> None:
-        """Save if that is due."""
+        """Start to save if that is due."""
         if self._file is None:
             return
-        self._look()
+        self._collect_outcome()
         if self._writer.busy:
             return
         wait_s = min(ALARM_INTERVAL_S, self._interval_s) if self._urgent else self._interval_s
         if self._tried_s == -math.inf and not self._urgent:
             self._tried_s = now_s  # nothing was learned in the first moment
         elif now_s - self._tried_s >= wait_s:
-            self._begin(now_s, snapshot())
+            self._begin_save(now_s, snapshot())
 
     def save(self, now_s: float, snapshot: Snapshot, wait_s: float = FINISH_S) -> None:
-        """Save now, unless nothing has changed; wait up to `wait_s` for it, and for one before."""
-        self._look(wait_s)
+        """Save now unless nothing has changed; wait up to `wait_s` for it, and for a write under way before
+        it."""
+        self._collect_outcome(wait_s)
         if not self._writer.busy:
-            self._begin(now_s, snapshot)
-            self._look(wait_s)
+            self._begin_save(now_s, snapshot)
+            self._collect_outcome(wait_s)
         if self._writer.busy:
             self._log.error("%s: not saved: the disk does not answer", self._file)
 
-    def _begin(self, now_s: float, snapshot: Snapshot) -> None:
+    def _begin_save(self, now_s: float, snapshot: Snapshot) -> None:
         """Start to save, unless nothing has changed."""
         if self._file is None:
             return
@@ -131,27 +132,28 @@ class StateKeeper:
             payload = {"fingerprint": self._fingerprint, "pipeline": snapshot}
             content = encode_state(self._file, payload)
         except StateError as error:
-            self._failed(error)
+            self._note_failure(error)
             return
         self._writing = snapshot
         self._writer.begin(self._file, content)
 
-    def _look(self, wait_s: float = 0.0) -> None:
-        """Take the outcome of the write that is under way."""
+    def _collect_outcome(self, wait_s: float = 0.0) -> None:
+        """Keep the outcome of the write under way, if it is over within `wait_s`."""
         if not self._writer.busy:
             return
         try:
-            if not self._writer.over(wait_s):
+            if not self._writer.finished(wait_s):
                 return
         except StateError as error:
-            self._failed(error)
+            self._note_failure(error)
             return
         if self._complained:
             self._log.info("%s: saved again", self._file)
         self._complained = False
         self._saved = self._writing
 
-    def _failed(self, error: StateError) -> None:
+    def _note_failure(self, error: StateError) -> None:
+        """Log the first failure of a series, and keep an urgent save urgent."""
         if not self._complained:
             self._log.error("%s; trying again later", error)
         self._complained = True
@@ -161,6 +163,7 @@ class StateKeeper:
         self._log.warning("%s", damaged)
 
     def _set_aside(self, reason: str) -> None:
+        """Rename a state file that does not fit, and log that."""
         assert self._file is not None
         target = self._file.with_name(f"{self._file.name}.{SET_ASIDE}")
         try:

@@ -44,7 +44,7 @@ def state_lock(file: Path | None) -> Iterator[None]:
                 yield  # a file system without locks
                 return
             raise StateInUseError(
-                f"{file}: another tpmsd{_holder(descriptor)} keeps its state there; "
+                f"{file}: another tpmsd{_holder_text(descriptor)} keeps its state there; "
                 "--state FILE gives this one a file of its own"
             ) from None
         with contextlib.suppress(OSError):  # a full disk: the lock holds without its holder's name
@@ -56,6 +56,7 @@ def state_lock(file: Path | None) -> Iterator[None]:
 
 
 def _open_lock(lock: Path) -> int | None:
+    """Return a descriptor of the lock file; None if it cannot be made."""
     # Not blocking and no links: a pipe or a link of that name must not hang the start or lead elsewhere.
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
@@ -69,7 +70,8 @@ def _open_lock(lock: Path) -> int | None:
     return None
 
 
-def _holder(descriptor: int) -> str:
+def _holder_text(descriptor: int) -> str:
+    """Return the process that holds the lock, in brackets; empty if it is not known."""
     try:
         text = os.pread(descriptor, 32, 0).decode("ascii").strip()
     except (OSError, UnicodeDecodeError):

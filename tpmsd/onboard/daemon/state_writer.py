@@ -22,10 +22,10 @@ class StateWriter:
         self._done = threading.Event()
         self._error: StateError | None = None
         self.busy = False
-        """True if a write is under way, or `over` has not yet reported its outcome."""
+        """True if a write is under way, or `finished` has not yet reported its outcome."""
 
     def begin(self, file: Path, content: bytes) -> None:
-        """Start a write; only while none is under way."""
+        """Start a write in a thread; only while none is under way."""
         assert not self.busy
         self.busy, self._error = True, None
         self._done.clear()
@@ -48,8 +48,8 @@ class StateWriter:
         finally:
             self._done.set()
 
-    def over(self, wait_s: float = 0.0) -> bool:
-        """Return whether the write is over, within `wait_s`. Raises StateError once if it has failed."""
+    def finished(self, wait_s: float = 0.0) -> bool:
+        """Return whether the write is finished, within `wait_s`. Raises StateError once if it has failed."""
         if not self._done.wait(wait_s):
             return False
         self.busy = False

@@ -216,6 +216,7 @@ class RadiusFilter:
         self.belief.update(measurement)
 
     def _try_to_start_pose(self, measurement: FixMeasurement, moving: bool) -> None:
+        """Set the pose if this fix completes one."""
         start = self._finder.update(measurement.fix, moving)
         if start is None:
             return
@@ -224,7 +225,7 @@ class RadiusFilter:
         self._last_fix_s = self._last_used_s = measurement.fix.time_s
 
     def _lose_pose(self) -> None:
-        """Give the pose up and keep what was learned of the radii."""
+        """Drop the pose and keep what was learned of the radii."""
         self._located = False
         self._finder.reset()
         self._gate.reset()
@@ -237,6 +238,7 @@ class RadiusFilter:
     # -- out, and what survives a restart -------------------------------------------------------------------
 
     def _estimate(self, gated: GatedTick, said: Moments) -> RadiusEstimate:
+        """Return the estimate at the end of a tick from the belief's moments."""
         if self._noise is None or self._noise[0] is not said.noise_std_m:
             self._noise = said.noise_std_m, self._expand_vector(said.noise_std_m)
         found, pose, time_s = self._located, said.pose, gated.tick.time_s

@@ -46,7 +46,7 @@ class Cycle:
         self._next_s = -math.inf
 
     def restart(self, now_s: float) -> None:
-        """Let a whole period pass from now."""
+        """Make the frame due a whole period from now."""
         self._next_s = now_s + self._period_s
 
     def due(self, now_s: float) -> bool:
@@ -106,11 +106,14 @@ class CanReporter:
         return out
 
     def _status_frame(self, page: int, report: MonitorReport) -> OutFrame:
+        """Return one page of the status frame."""
         wheels = {wheel.wheel: wheel for wheel in report.wheels}
         values: dict[str, float] = {"StatusCounter": self._status_counter, "StatusPage": page}
         if page == layout.PAGE_CHANGE:
             for name in WHEELS:
-                values[f"Change_{name.upper()}"] = _mm(wheels[name].change_m) if name in wheels else _NAN
+                values[f"Change_{name.upper()}"] = (
+                    _finite_mm(wheels[name].change_m) if name in wheels else _NAN
+                )
         else:
             for name in WHEELS[:2] if page == layout.PAGE_FRONT else WHEELS[2:]:
                 values |= _wheel_values(name.upper(), wheels.get(name))
@@ -120,7 +123,8 @@ class CanReporter:
         return OutFrame(self._alarms.status_id, self._alarms.extended_ids, data)
 
     def _alarm_frames(self, now_s: float, report: MonitorReport) -> list[OutFrame]:
-        fresh = [self._announce(event, now_s) for event in self._changes(now_s, report)]
+        """Return the frames of new alarms and of those whose repetition is due."""
+        fresh = [self._announce(event, now_s) for event in self._events_to_announce(now_s, report)]
         repeated = []
         for key, alarm in list(self._announced.items()):
             if not alarm.cycle.due(now_s):
@@ -132,17 +136,17 @@ class CanReporter:
                     del self._announced[key]
         return [self._alarm_frame(alarm, report) for alarm in fresh + repeated]
 
-    def _changes(self, now_s: float, report: MonitorReport) -> list[AlarmEvent]:
-        """Return the events of this tick, and those that must have been missed: `active` has the last word,
-        so that alarms taken over from an earlier run are announced, and none is repeated for ever."""
+    def _events_to_announce(self, now_s: float, report: MonitorReport) -> list[AlarmEvent]:
+        """Return the events of this tick, and those that were missed, by comparison with the active alarms:
+        alarms restored from an earlier run are announced, and none is repeated for ever."""
         events = list(report.events)
         announced = {key: alarm.event for key, alarm in self._announced.items() if alarm.raised}
         for event in events:
             if event.state == "raised":
-                announced[_key(event)] = event
+                announced[_alarm_key(event)] = event
             else:
-                announced.pop(_key(event), None)
-        active = {_key(event): event for event in report.active}
+                announced.pop(_alarm_key(event), None)
+        active = {_alarm_key(event): event for event in report.active}
         events += [event for key, event in active.items() if key not in announced]
         events += [
             dataclasses.replace(event, state="cleared", time_s=now_s)
@@ -152,13 +156,15 @@ class CanReporter:
         return events
 
     def _announce(self, event: AlarmEvent, now_s: float) -> _Announced:
+        """Return the alarm of an event under a new sequence number, kept for its repetition."""
         self._sequence = (self._sequence + 1) % layout.SEQUENCE_MODULO
         alarm = _Announced(event, self._sequence, Cycle(self._alarms.alarm_period_s), CLEARED_REPEATS)
         alarm.cycle.restart(now_s)
-        self._announced[_key(event)] = alarm
+        self._announced[_alarm_key(event)] = alarm
         return alarm
 
     def _alarm_frame(self, alarm: _Announced, report: MonitorReport) -> OutFrame:
+        """Return the frame of an alarm with the wheel's present values."""
         event = alarm.event
         values: dict[str, float] = {
             "AlarmCounter": self._alarm_counter,
@@ -173,7 +179,7 @@ class CanReporter:
         # What changed since the baseline says nothing of a tyre that was soft before it was learned.
         live = () if event.since else report.wheels
         wheel = next((w for w in live if w.wheel == event.wheel), None)
-        values["AlarmChange"] = _NAN if wheel is None else _mm(wheel.change_m)
+        values["AlarmChange"] = _NAN if wheel is None else _finite_mm(wheel.change_m)
         values["AlarmPressureLoss"] = 100 * _pressure_loss(event, wheel)
         values["AlarmProbability"] = 100 * _probability(event, wheel)
         self._alarm_counter = (self._alarm_counter + 1) % layout.COUNTER_MODULO
@@ -181,26 +187,27 @@ class CanReporter:
         return OutFrame(self._alarms.alarm_id, self._alarms.extended_ids, data)
 
 
-def _key(event: AlarmEvent) -> _Key:
+def _alarm_key(event: AlarmEvent) -> _Key:
     return event.kind, event.wheel
 
 
-def _mm(length_m: float) -> float:
-    """Return millimetres; NaN for anything that is no number, infinities included."""
+def _finite_mm(length_m: float) -> float:
+    """Return metres as millimetres; NaN for a value that is not finite."""
     return 1e3 * length_m if math.isfinite(length_m) else _NAN
 
 
 def _wheel_values(suffix: str, wheel: WheelReport | None) -> dict[str, float]:
     deviation_m = _NAN if wheel is None else wheel.deviation_m
     return {
-        f"Deviation_{suffix}": _mm(deviation_m),
-        f"Std_{suffix}": _NAN if wheel is None else _mm(wheel.std_m),
+        f"Deviation_{suffix}": _finite_mm(deviation_m),
+        f"Std_{suffix}": _NAN if wheel is None else _finite_mm(wheel.std_m),
         f"State_{suffix}": layout.WHEEL_STATE_CODES["unavailable" if wheel is None else wheel.state],
         f"Valid_{suffix}": float(wheel is not None and math.isfinite(deviation_m)),
     }
 
 
 def _summary_bits(alarm: AlarmEvent) -> list[str]:
+    """Return the names of the lamp bits that an active alarm sets."""
     if alarm.kind == AlarmKind.MALFUNCTION:
         return ["Malfunction"]
     if alarm.kind == AlarmKind.SLOW_LEAK:
@@ -211,7 +218,8 @@ def _summary_bits(alarm: AlarmEvent) -> list[str]:
 
 
 def _pressure_loss(event: AlarmEvent, wheel: WheelReport | None) -> float:
-    """Share of the pressure that is lost, as it is now or as it was at the event; a gain is no loss."""
+    """Return the lost share of the pressure now, or at the event where it is not known now; a gain is 0,
+    unknown NaN."""
     # A slow leak has cost what the weeks say, not what changed since the baseline.
     live = _NAN if wheel is None or event.kind == AlarmKind.SLOW_LEAK else wheel.pressure_loss
     loss = event.pressure_loss if math.isnan(live) else live

@@ -61,7 +61,8 @@ class Field:
         return low, high
 
     def raw(self, value: float) -> int:
-        """Return the raw value nearest to `value`; saturates at the range, and NaN is 'not available'."""
+        """Return the raw value nearest to `value`, saturated at the range; the code 'not available' for
+        NaN."""
         if math.isnan(value):
             if self.not_available is None:
                 raise ValueError(f"{self.name} has no code for a value that is not available")
@@ -136,7 +137,7 @@ def checksum(data_id: int, data: bytes) -> int:
 
 
 def pack(fields: tuple[Field, ...], values: Mapping[str, float], data_id: int) -> bytes:
-    """Lay `values` into 8 bytes and close them with the checksum; fields without a value stay zero.
+    """Return 8 bytes with the `values` and the checksum; fields without a value are zero.
 
     Raises KeyError for a name that is no field of the frame.
     """

@@ -83,7 +83,7 @@ class CanOutputs:
         return bool(self._outputs)
 
     def filters(self, bus: int) -> list[dict[str, Any]]:
-        """Return the filters that let others' frames under our identifiers through."""
+        """Return the CAN filters that let other nodes' frames under the outputs' identifiers through."""
         return [
             {
                 "can_id": out.identifier,
@@ -103,7 +103,7 @@ class CanOutputs:
         return f"[[can.output]] {out.label} is stopped: {out.stopped}"
 
     def frames(self, now_s: float, report: MonitorReport) -> dict[int, list[OutFrame]]:
-        """Return the bus -> the frames due at `now_s`; call once per tick."""
+        """Return the frames due at `now_s` by bus number; call once per tick."""
         if not self._outputs:
             return {}
         if self._since_s is None or now_s < self._since_s:
@@ -143,6 +143,7 @@ class CanOutputs:
 
 
 def _make_output(can: CanConfig, number: int, output: OutputConfig) -> Output:
+    """Return the output of one table of the configuration; ConfigError if it does not fit."""
     where = f"[[can.output]] {number}"
     bus = 0
     if output.bus is not None:
@@ -164,7 +165,7 @@ def _make_output(can: CanConfig, number: int, output: OutputConfig) -> Output:
             return j1939_frames(kind, values)
     else:
         dbc = output.dbc or (can.dbc if bus == 0 else list(can.buses.values())[bus - 1].dbc)
-        message = _message(where, dbc, output.message or "")
+        message = _load_message(where, dbc, output.message or "")
         identifier, extended, label = message.frame_id, message.is_extended_frame, message.name
         filler = _Filler(where, message, output)
         make = filler.data
@@ -176,7 +177,8 @@ def _make_output(can: CanConfig, number: int, output: OutputConfig) -> Output:
     return Output(label, bus, identifier, extended, make, watched, cycle, output.when != "cyclic")
 
 
-def _message(where: str, dbc: Path, name: str) -> Message:
+def _load_message(where: str, dbc: Path, name: str) -> Message:
+    """Return a message of a DBC; ConfigError if there is none or it cannot be filled."""
     try:
         database: Database = load_dbc(dbc)
     except ConfigProblems as error:
@@ -204,7 +206,9 @@ class _Filler:
             except KeyError:
                 raise ConfigError(f"{where}: signals: {message.name} has no signal {name!r}") from None
             self._given.append((signal, value))
-        self._rest = {signal.name: _physical(signal, signal.raw_initial or 0) for signal in message.signals}
+        self._rest = {
+            signal.name: _physical_value(signal, signal.raw_initial or 0) for signal in message.signals
+        }
         self._checksums = [(s, o) for s, o in self._given if o.value == CHECKSUM]
         for signal, _ in self._checksums:
             first = signal.start if signal.byte_order == "little_endian" else signal.start - 7
@@ -214,11 +218,13 @@ class _Filler:
             raise ConfigError(f"{where}: signals: two checksums")
 
     def data(self, values: Mapping[str, float], counter: int) -> list[bytes]:
-        """Return the frame's data."""
+        """Return the data of the frame, in a list of one, with counter and checksum."""
         filled = dict(self._rest)
         for signal, option in self._given:
             if option.value != CHECKSUM:
-                filled[signal.name] = _limited(signal, self._signal_value(signal, option, values, counter))
+                filled[signal.name] = _limit_to_signal(
+                    signal, self._signal_value(signal, option, values, counter)
+                )
         data = bytearray(self._message.encode(filled, strict=False))
         for signal, option in self._checksums:
             at = signal.start // 8
@@ -231,29 +237,34 @@ class _Filler:
     def _signal_value(
         signal: Signal, option: OutputSignal, values: Mapping[str, float], counter: int
     ) -> float:
+        """Return the physical value of a signal by its option: constant, counter, or a value of the
+        monitor."""
         if option.value is None:
             return option.constant
         if option.value == COUNTER:
-            return _physical(signal, counter % (option.modulo or 1 << signal.length))
+            return _physical_value(signal, counter % (option.modulo or 1 << signal.length))
         value = values[option.value]
         if math.isnan(value):
-            return _physical(signal, signal.raw_initial or 0) if option.unknown is None else option.unknown
+            return (
+                _physical_value(signal, signal.raw_initial or 0) if option.unknown is None else option.unknown
+            )
         if option.mapped:
             return option.mapped[min(max(int(value), 0), len(option.mapped) - 1)]
         return value
 
 
-def _physical(signal: Signal, raw: float) -> float:
+def _physical_value(signal: Signal, raw: float) -> float:
+    """Return the physical value of a raw one."""
     return float(raw * signal.scale + signal.offset)
 
 
-def _limited(signal: Signal, value: float) -> float:
-    """Return the value within what the signal's bits can hold, and within the DBC's limits."""
+def _limit_to_signal(signal: Signal, value: float) -> float:
+    """Return the value limited to what the signal's bits can hold and to the DBC's limits."""
     if signal.is_float:
         return value
     low = -(1 << (signal.length - 1)) if signal.is_signed else 0
     high = low + (1 << signal.length) - 1
-    ends = sorted((_physical(signal, low), _physical(signal, high)))
+    ends = sorted((_physical_value(signal, low), _physical_value(signal, high)))
     if signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum:
         ends = [max(ends[0], float(signal.minimum)), min(ends[1], float(signal.maximum))]
     return min(max(value, ends[0]), ends[1])

@@ -25,7 +25,7 @@ def crc8(data: bytes, polynomial: int) -> int:
 
 
 def _toyota(identifier: int, data: bytes, length: int) -> int:
-    """Return identifier's bytes, length and data added up."""
+    """Return the sum of the identifier's bytes, the length and the data."""
     return (sum(identifier.to_bytes(4, "big")) + length + sum(data)) & 0xFF
 
 

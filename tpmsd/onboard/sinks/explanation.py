@@ -102,14 +102,14 @@ class Explanation:
         self._report = report
         if judgement is not self._latest:
             self._latest = judgement
-            self._keep(estimate, judgement, resonance)
+            self._keep_judgement(estimate, judgement, resonance)
         for event in report.events:
-            self._alarm(event)
+            self._keep_alarm(event)
 
-    def _keep(
+    def _keep_judgement(
         self, estimate: RadiusEstimate, judgement: Judgement, resonance: ResonanceEvidence | None
     ) -> None:
-        """Keep a judgement of the wheels, in words from time to time."""
+        """Keep the last judgement of the wheels, and from time to time its document entry."""
         if judgement.now is None or judgement.finding is None:
             return
         self._judged = _JudgementRecord(
@@ -117,26 +117,26 @@ class Explanation:
         )
         if abs(self._time_s - self._kept_s) >= EXPLANATION.keep_every_s:
             self._kept_s = self._time_s
-            self._moments.append(self._in_words(self._judged))
+            self._moments.append(self._moment_entry(self._judged))
 
-    def _alarm(self, event: AlarmEvent) -> None:
+    def _keep_alarm(self, event: AlarmEvent) -> None:
         """Keep the evidence of an alarm that was raised or cleared."""
         evidence = list(self._moments)[-EXPLANATION.around :]
         before = None
         if self._judged is not None:
-            latest = self._in_words(self._judged)
+            latest = self._moment_entry(self._judged)
             if not evidence or evidence[-1] is not latest:
                 evidence.append(latest)
             if event.wheel in latest["wheels"]:
                 before = latest["wheels"][event.wheel]["before_mm"]
         self._alarms.append(
             {
-                "time": _number(event.time_s),
+                "time": _finite_or_none(event.time_s),
                 "kind": str(event.kind),
                 "wheel": event.wheel,
                 "state": event.state,
                 "reason": event.reason,
-                "probability": _number(event.probability),
+                "probability": _finite_or_none(event.probability),
                 **event.additional_keys(),
                 "before_mm": before,
                 "evidence": evidence,
@@ -148,6 +148,7 @@ class Explanation:
         )
 
     def _clearing_condition(self, event: AlarmEvent) -> str:
+        """Return the condition under which an alarm is cleared, in words."""
         if event.kind is AlarmKind.MALFUNCTION:
             return "the signals have been in order for a tenth of the time that raised it"
         if event.kind is AlarmKind.SLOW_LEAK:
@@ -160,7 +161,7 @@ class Explanation:
         )
 
     def document(self, monitor: Monitor) -> dict[str, Any]:
-        """Return the document in JSON's types; `monitor`: the one that is explained."""
+        """Return the explanation in JSON's types; `monitor`: the one that is explained."""
         states = {WHEELS[w]: "unavailable" for w in self._wheels}
         report, sets = self._report, monitor.sets
         if report is not None:
@@ -189,11 +190,11 @@ class Explanation:
                 **self._wheel_entry(wheel, sets.comparison_baseline.origin),
             }
         return {
-            "time": _number(self._time_s),
+            "time": _finite_or_none(self._time_s),
             "alarms": list(self._alarms),
             "wheels": wheels,
             "alternatives": self._alternatives(),
-            "would_change": self._would_change(),
+            "would_change": self._decisive_conditions(),
             "evidence": list(self._moments),
             "missing": {
                 "motion": {
@@ -202,7 +203,7 @@ class Explanation:
                     "informative_fraction": round(self._taught, 3),
                 },
                 "sky": {
-                    "gnss_age_s": _number(self._gnss_age_s),
+                    "gnss_age_s": _finite_or_none(self._gnss_age_s),
                     "agrees": None if self._agreement is None else not self._agreement.withheld,
                 },
                 "learning": learning,
@@ -211,6 +212,7 @@ class Explanation:
         }
 
     def _no_alarm_reasons(self) -> list[str]:
+        """Return the reasons for which no tyre is judged now, in words."""
         out = []
         if self._moving < 0.05:
             out.append(
@@ -238,10 +240,10 @@ class Explanation:
         return out
 
     def _wheel_entry(self, wheel: int, origin: str) -> dict[str, Any]:
-        """Return what is known of a wheel; `origin`: where the radii are from that its change counts from."""
+        """Return the entry of a wheel; `origin`: source of the radii that its change is counted from."""
         if self._judged is None:
             return {"why_no_alarm": "nothing was judged yet"}
-        judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
+        judged, now = self._judged.judgement, self._moment_entry(self._judged)["wheels"][WHEELS[wheel]]
         change_mm, std_mm = 1e3 * float(judged.change_m[wheel]), 1e3 * float(judged.change_std_m[wheel])
         detectable = judged.detectable
         smallest = math.nan if detectable is None else detectable.each_m[self._wheels.index(wheel)]
@@ -254,13 +256,14 @@ class Explanation:
             ),
         }
 
-    def _in_words(self, judged: _JudgementRecord) -> dict[str, Any]:
-        """Return one moment of the evidence."""
+    def _moment_entry(self, judged: _JudgementRecord) -> dict[str, Any]:
+        """Return the document entry of a judgement, cached for the last one."""
         if self._cached is None or self._cached[0] is not judged:
             self._cached = (judged, self._evidence_entry(judged))
         return self._cached[1]
 
     def _evidence_entry(self, judged: _JudgementRecord) -> dict[str, Any]:
+        """Return the document entry of a judgement."""
         estimate, judgement, change, resonance = (
             judged.estimate,
             judged.judgement,
@@ -276,15 +279,15 @@ class Explanation:
                 "now_std_mm": _mm(math.sqrt(max(float(estimate.covariance_m2[wheel, wheel]), 0.0))),
                 "change_mm": _mm(moved),
                 "change_std_mm": _mm(float(judgement.change_std_m[wheel])),
-                "probability": _number(float(judgement.deflated[wheel])),
+                "probability": _finite_or_none(float(judgement.deflated[wheel])),
             }
         finding, rows = judged.finding, contrast_rows(self._wheels)
         adds = contrast_gains(rows, finding.change_m, finding.covariance_m2, -finding.verdict.best_loss_m)
         contrast_changes = {
             name: {
                 "change_mm": _mm(float(row @ change.change_m)),
-                "std_mm": _mm(_std(row, change.covariance_m2)),
-                "gain_nats": _number(adds[name]),
+                "std_mm": _mm(_contrast_std(row, change.covariance_m2)),
+                "gain_nats": _finite_or_none(adds[name]),
             }
             for name, row in rows.items()
         }
@@ -297,19 +300,19 @@ class Explanation:
             }
         by_source = {**contrast_changes, "resonance_log_ratio": received}
         return {
-            "time": _number(judged.time_s),
-            "speed_mps": _number(estimate.speed_mps),
+            "time": _finite_or_none(judged.time_s),
+            "speed_mps": _finite_or_none(estimate.speed_mps),
             "wheels": wheels,
             "witnesses": by_source,  # the former name of `evidence_by_source`
             "evidence_by_source": by_source,
             "judged_over": finding.over,
             "drive_models": {
-                name: _number(probability) for name, probability in judgement.drive_models.items()
+                name: _finite_or_none(probability) for name, probability in judgement.drive_models.items()
             },
         }
 
     def _alternatives(self) -> list[dict[str, Any]]:
-        """Return the hypotheses, the most probable first, each with the reason why it lost."""
+        """Return the hypotheses by descending probability, each with the reason why it was not chosen."""
         if self._judged is None:
             return []
         bank = self._judged.judgement.posterior
@@ -329,7 +332,7 @@ class Explanation:
                     "prior": JUDGE.prior_by_size[len(members) - 1],
                 }
             )
-        entries += self._resized(bank)
+        entries += self._size_alternatives(bank)
         entries.sort(key=lambda entry: -float(entry["probability"]))
         best = entries[0]
         leading = max(float(best["probability"]), 1e-300)
@@ -345,8 +348,9 @@ class Explanation:
                 entry["why"] = "fits as well, and is less probable beforehand"
         return entries[: EXPLANATION.best]
 
-    def _would_change(self) -> list[str]:
-        """Return what would make another hypothesis the most probable, or an alarm of what is suspected."""
+    def _decisive_conditions(self) -> list[str]:
+        """Return the conditions, in words, under which another hypothesis becomes the most probable, or a
+        suspicion an alarm."""
         if self._judged is None or self._judged.judgement.posterior is None:
             return []
         judgement, bank = self._judged.judgement, self._judged.judgement.posterior
@@ -369,8 +373,9 @@ class Explanation:
             out.append("other tyres: tpmsd reset --tyres NAME says that they are")
         return out
 
-    def _resized(self, bank: Posterior) -> list[dict[str, Any]]:
-        """Wheels of another size; beside it a tyre may have lost air all the same."""
+    def _size_alternatives(self, bank: Posterior) -> list[dict[str, Any]]:
+        """Return the entries of hypotheses that wheels have another size; a tyre may have lost air as
+        well."""
         sizes = size_rows(tuple(self._wheels))
         out = []
         for row in range(1, len(bank.sizes)):  # none while a set is learned beside another
@@ -383,15 +388,16 @@ class Explanation:
                     else "wheels changed front to rear",
                     "wheels": names,
                     "probability": float(bank.sizes[row]),
-                    "gain_nats": round(_bayes_factor(bank, sizes, row), 3),
+                    "gain_nats": round(_log_bayes_factor(bank, sizes, row), 3),
                     "prior": JUDGE.prior_resized,
                 }
             )
         return out
 
 
-def _bayes_factor(bank: Posterior, sizes: TyreSizeChange, row: int) -> float:
-    """Logarithm of the evidence for a row of sizes against all wheels of the size that was learned."""
+def _log_bayes_factor(bank: Posterior, sizes: TyreSizeChange, row: int) -> float:
+    """Return the log of the evidence for a row of sizes against all wheels of the size that was learned,
+    nats."""
     chances = np.maximum(bank.sizes, 1e-300)
     return float(np.log(chances[row] / chances[0]) - sizes.log_prior[row] + sizes.log_prior[0])
 
@@ -400,13 +406,16 @@ def _logit(probability: float) -> float:
     return math.log(probability / (1.0 - probability))
 
 
-def _std(row: FloatArray, covariance: FloatArray) -> float:
+def _contrast_std(row: FloatArray, covariance: FloatArray) -> float:
+    """Return the standard deviation of row @ x for x of this covariance."""
     return math.sqrt(max(float(row @ covariance @ row), 0.0))
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
+    """Return the number; None if it is not finite."""
     return round(float(value), 6) if math.isfinite(value) else None
 
 
 def _mm(value_m: float) -> float | None:
+    """Return metres as millimetres; None if not finite."""
     return round(1e3 * float(value_m), 4) if math.isfinite(value_m) else None

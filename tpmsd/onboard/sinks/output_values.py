@@ -14,7 +14,7 @@ from tpmsd.onboard.sinks.can_layout import WHEEL_STATE_CODES
 
 
 def output_values(report: MonitorReport) -> dict[str, float]:
-    """Return all values but counter and checksum."""
+    """Return the value of each name that a signal may be given, except counter and checksum."""
     values = dict.fromkeys(NAMES, math.nan)
     of_tyres = (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
     tyres = [event for event in report.active if event.kind in of_tyres]
@@ -24,7 +24,7 @@ def output_values(report: MonitorReport) -> dict[str, float]:
     values["alarms"] = float(len(report.active))
     values["learning"] = float(any(wheel.state == "learning" for wheel in report.wheels))
     for name in WHEELS:
-        of_wheel = [event for event in tyres if _concerns(event, name)]
+        of_wheel = [event for event in tyres if _is_about(event, name)]
         values[f"state_{name}"] = WHEEL_STATE_CODES["unavailable"]
         values[f"alarm_{name}"] = float(bool(of_wheel))
         for kind in of_tyres:
@@ -38,5 +38,6 @@ def output_values(report: MonitorReport) -> dict[str, float]:
     return values
 
 
-def _concerns(event: AlarmEvent, wheel: str) -> bool:
+def _is_about(event: AlarmEvent, wheel: str) -> bool:
+    """Return whether an alarm is about a wheel, or about all of them."""
     return event.wheel is None or event.wheel == wheel

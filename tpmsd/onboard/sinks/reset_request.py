@@ -45,7 +45,7 @@ def from_frame(data: bytes) -> ResetRequest | None:
 
 
 def to_frame(number: int = 0) -> bytes:
-    """Return the data of a request for the set of that number."""
+    """Return the frame's data of a reset request for the set of that number."""
     body = bytes((RESET_CODE, number))
     return bytes((crc8_j1850(bytes((RESET_DATA_ID, *body))),)) + body
 

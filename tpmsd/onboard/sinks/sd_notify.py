@@ -40,7 +40,7 @@ class Notifier:
 
     @property
     def enabled(self) -> bool:
-        """True if there is anybody to talk to."""
+        """True if there is a service manager to report to."""
         return self._address is not None
 
     @property
@@ -53,33 +53,35 @@ class Notifier:
 
     def ready(self, status: str = "") -> bool:
         """Report that start-up is over."""
-        return self._send(["READY=1", *self._status(status)])
+        return self._send(["READY=1", *self._status_assignment(status)])
 
     def status(self, text: str) -> bool:
-        """Return one line for `systemctl status`."""
-        return self._send(self._status(text))
+        """Report one line for `systemctl status`."""
+        return self._send(self._status_assignment(text))
 
     def watchdog(self) -> bool:
-        """Feed the watchdog of systemd; to be called only while the estimator advances."""
+        """Feed systemd's watchdog; call only while the estimator advances."""
         return self._send(["WATCHDOG=1"])
 
     def stopping(self, status: str = "") -> bool:
         """Report that shut-down has begun."""
-        return self._send(["STOPPING=1", *self._status(status)])
+        return self._send(["STOPPING=1", *self._status_assignment(status)])
 
     def close(self) -> None:
-        """Give the socket back; later calls open it again."""
+        """Close the socket; later calls open it again."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     @staticmethod
-    def _status(text: str) -> list[str]:
+    def _status_assignment(text: str) -> list[str]:
+        """Return the STATUS assignment as a list of one; empty for an empty text."""
         # One line only: a line break would smuggle in another assignment.
         line = " ".join(text.split())[:_MAX_STATUS]
         return [f"STATUS={line}"] if line else []
 
     def _send(self, assignments: list[str]) -> bool:
+        """Send assignments; return whether the message went out."""
         if self._address is None or not assignments:
             return False
         message = "\n".join(assignments).encode("utf-8", "replace")

@@ -15,7 +15,7 @@ MAX_PATH_BYTES = 107
 
 
 def check_socket_path(path: Path) -> None:
-    """Raises ConfigError if the path is longer than the address of a Unix socket can be."""
+    """Raise ConfigError if the path is longer than the address of a Unix socket can be."""
     length = len(os.fsencode(path))
     if length > MAX_PATH_BYTES:
         raise ConfigError(

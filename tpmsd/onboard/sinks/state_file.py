@@ -67,7 +67,7 @@ class FileSystem:
 
 
 def save_state(path: Path, payload: dict[str, Any], *, files: FileSystem | None = None) -> None:
-    """Replace the state by `payload`; on return it is on the disk.
+    """Replace the state by `payload`; when this returns it is on the disk.
 
     Raises StateError if it cannot be written or is no JSON; what can be loaded is then still whole.
     """
@@ -99,7 +99,7 @@ def write_state(path: Path, content: bytes, *, files: FileSystem | None = None) 
 def load_state(
     path: Path, *, on_damaged: Callable[[StateDamaged], None] | None = None
 ) -> dict[str, Any] | None:
-    """Return the payload last saved; None if there is none, or none that can be trusted.
+    """Return the payload last saved; None if there is none, or if it is damaged.
 
     A damaged file is set aside as `<name>.damaged-<n>` (the last few are kept) and given to `on_damaged`, or
     logged as a warning. Raises StateError only if the file cannot be read at all.
@@ -122,6 +122,7 @@ def load_state(
 
 
 def _canonical(payload: dict[str, Any]) -> str:
+    """Return the payload as JSON text that does not depend on the order of its keys."""
     return json.dumps(payload, sort_keys=True, separators=(",", ":"))
 
 
@@ -169,6 +170,7 @@ def _decode(content: bytes) -> dict[str, Any]:
 
 
 def _read_bounded(path: Path) -> bytes:
+    """Return the content, at most one byte more than `MAX_BYTES`; OSError if it is no regular file."""
     # Not blocking: a FIFO of that name must not hang the daemon's start.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -183,6 +185,7 @@ def _read_bounded(path: Path) -> bytes:
 
 
 def _write_synced(files: FileSystem, name: str, content: bytes) -> None:
+    """Write a new file and force it onto the disk."""
     # Whatever has that name (a FIFO, a link, what a power cut left) goes first: opening a FIFO would wait
     # for a reader for ever. O_EXCL then opens nothing but a new file, and follows no link.
     with contextlib.suppress(FileNotFoundError):
@@ -199,6 +202,7 @@ def _write_synced(files: FileSystem, name: str, content: bytes) -> None:
 
 
 def _set_aside(path: Path) -> Path | None:
+    """Rename a damaged file and delete the oldest such ones; return its new path, None if that failed."""
     prefix = f"{path.name}.damaged-"
     try:
         numbers = sorted(

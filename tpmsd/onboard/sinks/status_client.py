@@ -28,13 +28,13 @@ class StatusError(TpmsdError):
 
 
 def read_status(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """Return the status now. Raises StatusError; ConfigError for a path no socket can have."""
+    """Return the present status. Raises StatusError; ConfigError for a path no socket can have."""
     with contextlib.closing(_read_documents(path, "status", timeout_s)) as documents:
         return next(documents)
 
 
 def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """Ask to learn the tyres again; return the status as it was when the request was taken. Raises
+    """Request to learn the tyres again; return the status as it was when the request was taken. Raises
     StatusError."""
     with contextlib.closing(_read_documents(path, "reset", timeout_s, tyres)) as documents:
         return next(documents)
@@ -47,13 +47,14 @@ def read_explanation(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]
 
 
 def watch_status(path: Path, timeout_s: float = TIMEOUT_S) -> Generator[dict[str, Any], None, None]:
-    """Return the status now and with every update; ends only by StatusError (the daemon has gone)."""
+    """Yield the status now and with every update; ends only by StatusError (the daemon has gone)."""
     return _read_documents(path, "watch", timeout_s)
 
 
 def _read_documents(
     path: Path, request: str, timeout_s: float, tyres: str | None = None
 ) -> Generator[dict[str, Any], None, None]:
+    """Connect, send a request and yield each document of the answer. Raises StatusError."""
     check_socket_path(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(timeout_s)
@@ -64,19 +65,19 @@ def _read_documents(
                 + b"\n"
             )
         except TimeoutError as error:
-            raise StatusError(_silence(path, timeout_s)) from error
+            raise StatusError(_silence_text(path, timeout_s)) from error
         except BrokenPipeError:
             pass  # it may have answered before it closed
         except OSError as error:
             raise StatusError(refusal(path, error)) from error
         buffer = bytearray()
         while True:
-            yield parse_status(path, _line(connection, buffer, path, timeout_s))
+            yield parse_status(path, _read_line(connection, buffer, path, timeout_s))
 
 
-def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: float) -> bytes:
-    """Return the next line; the time-out is for the whole of it, so that a trickle does not keep us for
-    ever."""
+def _read_line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: float) -> bytes:
+    """Return the next line; the time-out is for the whole of it, so that a slow sender cannot hold the client
+    for ever."""
     until_s = time.monotonic() + timeout_s
     while (end := buffer.find(b"\n")) < 0:
         if len(buffer) > MAX_LINE_BYTES:
@@ -88,7 +89,7 @@ def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: f
             connection.settimeout(left_s)
             data = connection.recv(65536)
         except TimeoutError as error:
-            raise StatusError(_silence(path, timeout_s)) from error
+            raise StatusError(_silence_text(path, timeout_s)) from error
         except OSError:
             data = b""
         if not data:
@@ -101,7 +102,7 @@ def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: f
 
 
 def parse_status(path: Path, line: bytes) -> dict[str, Any]:
-    """Return a line of the socket as a document; StatusError where it is none, or says that it refuses."""
+    """Return a line of the socket as a document; StatusError where it is none, or holds a refusal."""
     try:
         document = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -121,16 +122,18 @@ def parse_status(path: Path, line: bytes) -> dict[str, Any]:
 
 
 def printable(text: str) -> str:
-    """Return one line without control characters: a stranger's answer must not steer the terminal."""
+    """Return the text in one line without control characters: a stranger's answer must not control the
+    terminal."""
     return "".join(c if c.isprintable() else " " for c in text)[:500]
 
 
-def _silence(path: Path, timeout_s: float) -> str:
+def _silence_text(path: Path, timeout_s: float) -> str:
+    """Return the message for a daemon that does not answer in time."""
     return f"{path}: tpmsd does not answer (waited {timeout_s:g} s)"
 
 
 def refusal(path: Path, error: OSError) -> str:
-    """Return the reason for which nobody can be asked on a socket, in one line that says what to do."""
+    """Return the reason why a socket cannot be asked, in one line that says what to do."""
     if error.errno == errno.ENOENT:
         return f"there is no socket {path}: is tpmsd running? (--socket PATH or --config FILE names another)"
     if error.errno == errno.ECONNREFUSED:

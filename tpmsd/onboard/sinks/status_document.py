@@ -106,11 +106,12 @@ def build_status(
         "wheels": {}
         if report is None
         else {
-            wheel.wheel: _wheel_entry(wheel) | _last(report.time_s, (last_known or {}).get(wheel.wheel))
+            wheel.wheel: _wheel_entry(wheel)
+            | _last_change_entry(report.time_s, (last_known or {}).get(wheel.wheel))
             for wheel in report.wheels
         },
-        "watch": None if report is None else _watch(report),
-        "resonance": None if resonance is None else _resonance(report, resonance),
+        "watch": None if report is None else _watch_entry(report),
+        "resonance": None if resonance is None else _resonance_entries(report, resonance),
         "alarms": [] if report is None else [alarm_entry(alarm) for alarm in report.active],
         "estimator": None if estimate is None else _estimator_entry(estimate, method),
     }
@@ -145,8 +146,8 @@ ALL_FOUR = (
 )
 
 
-def _watch(report: MonitorReport) -> dict[str, Any]:
-    """Return the wheels that are watched, those that are not with the reason, and the means by which a loss
+def _watch_entry(report: MonitorReport) -> dict[str, Any]:
+    """Return the entry of the watched wheels, of the others with the reason, and of the means by which a loss
     of all four is detected."""
     malfunctions = [alarm for alarm in report.active if alarm.kind is AlarmKind.MALFUNCTION]
     not_watched = {}
@@ -162,7 +163,7 @@ def _watch(report: MonitorReport) -> dict[str, Any]:
         "watched": watched,
         "not_watched": not_watched,
         "all_four_rest_on": ALL_FOUR,
-        **_minimum_detectable(report.detectable),
+        **_detectable_entry(report.detectable),
         "questions": [question.entry() for question in report.questions],
     }
 
@@ -171,8 +172,8 @@ LOW = 0.2
 """Share of the pressure: the loss that is to be seen (UN R141)."""
 
 
-def _minimum_detectable(detectable: DetectableLoss | None) -> dict[str, Any]:
-    """Return the smallest losses that would be seen now, and whose 20 % would not be."""
+def _detectable_entry(detectable: DetectableLoss | None) -> dict[str, Any]:
+    """Return the smallest losses that are detectable now, and in words those of 20 % that are not."""
     if detectable is None:
         return {"smallest_loss_percent": None, "cannot_see": []}
     losses = {
@@ -190,8 +191,8 @@ def _minimum_detectable(detectable: DetectableLoss | None) -> dict[str, Any]:
     return {"smallest_loss_percent": percent, "cannot_see": cannot_see}
 
 
-def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:
-    """Return the resonances of the wheels that the bus has."""
+def _resonance_entries(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:
+    """Return the resonance entries of the wheels that the bus has."""
     watched = [] if report is None else [wheel.wheel for wheel in report.wheels]
     return {name: status.to_json() for name, status in zip(WHEELS, resonance, strict=True) if name in watched}
 
@@ -210,8 +211,8 @@ def _wheel_entry(wheel: WheelReport) -> dict[str, Any]:
     }
 
 
-def _last(time_s: float, last: tuple[float, WheelReport] | None) -> dict[str, Any]:
-    """Return the last known change with its age; nulls while there was none."""
+def _last_change_entry(time_s: float, last: tuple[float, WheelReport] | None) -> dict[str, Any]:
+    """Return the last known change of a wheel with its age; nulls if there was none."""
     if last is None:
         return {"last_change_mm": None, "last_change_std_mm": None, "last_change_age_s": None}
     return {
@@ -244,12 +245,13 @@ def _estimator_entry(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
         "effective_particles": finite(estimate.effective_particles),
         "ancestors": finite(estimate.ancestors),
         "between_std_mm": millimetres(estimate.between_std_m),
-        **_stated(estimate.stated),
+        **_stated_entry(estimate.stated),
     }
 
 
-def _stated(stated: RadiusStatement | None) -> dict[str, Any]:
-    """Return the radii without the chance that one has just changed, and that chance."""
+def _stated_entry(stated: RadiusStatement | None) -> dict[str, Any]:
+    """Return the radii under the hypothesis of no recent change (or of one, where that is likelier), and the
+    probability of a change."""
     if stated is None:
         return {}
     std = [math.sqrt(max(variance, 0.0)) for variance in stated.covariance_m2.diagonal().tolist()]

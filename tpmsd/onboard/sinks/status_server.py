@@ -107,7 +107,7 @@ class StatusServer:
         """The answer, made at most once per call: a hundred clients at a time cost little more than one."""
 
     def open(self) -> None:
-        """Make the socket; a stale one of an earlier run is replaced, one that is answered on is not.
+        """Open the socket; a stale one of an earlier run is replaced, one that is answered on is not.
 
         Raises ConfigError for a path that cannot be a socket's, StatusSocketError for what stands in the way.
         """
@@ -131,10 +131,11 @@ class StatusServer:
             raise StatusSocketError(f"cannot make the status socket {self._path}: {reason}") from error
         self._listener = listener
         self._identity = (status.st_dev, status.st_ino)
-        self._accept_on(True)
+        self._set_accepting(True)
 
     def fileno(self) -> int:
-        """Readable when there is something to `service`; may be watched by another selector."""
+        """Return the descriptor, which is readable when there is something to `service`; another selector may
+        watch it."""
         return self._selector.fileno()
 
     @property
@@ -148,10 +149,10 @@ class StatusServer:
         return sum(client.watching for client in self._clients)
 
     def service(self, now_s: float) -> None:
-        """Do all that can be done without waiting."""
+        """Accept clients, read requests and send answers as far as possible without waiting."""
         self._latest = None
         if self._listener is not None and not self._accepting and now_s >= self._accepts_again_s:
-            self._accept_on(True)
+            self._set_accepting(True)
         for key, events in self._selector.select(timeout=0):
             if key.fileobj is self._listener:
                 self._accept_clients(now_s)
@@ -168,7 +169,7 @@ class StatusServer:
                 self._answer(client, now_s)
 
     def publish(self, now_s: float) -> None:
-        """Give every watching client the status as it is now; costs nothing if there is none."""
+        """Send every watching client the present status."""
         self._latest = None
         if self.watchers:
             line = self._document_line()
@@ -177,11 +178,11 @@ class StatusServer:
         self.service(now_s)
 
     def close(self) -> None:
-        """Let all clients go and take the socket away, if it is still ours."""
+        """Close all connections and remove the socket, if it is still ours."""
         for client in list(self._clients):
             self._drop(client)
         if self._listener is not None:
-            self._accept_on(False)
+            self._set_accepting(False)
             self._listener.close()
             self._listener = None
             with contextlib.suppress(OSError):
@@ -190,7 +191,8 @@ class StatusServer:
                     self._path.unlink()
         self._selector.close()
 
-    def _accept_on(self, on: bool) -> None:
+    def _set_accepting(self, on: bool) -> None:
+        """Accept new clients, or let them wait."""
         if self._listener is None or on == self._accepting:
             return
         if on:
@@ -207,7 +209,7 @@ class StatusServer:
             except OSError as error:
                 if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
                     # The socket stays readable: without a pause the loop would spin on it.
-                    self._accept_on(False)
+                    self._set_accepting(False)
                     self._accepts_again_s = now_s + _ACCEPT_PAUSE_S
                 return
             connection.setblocking(False)
@@ -225,6 +227,7 @@ class StatusServer:
             self._watch_events(client, selectors.EVENT_READ)
 
     def _read_request(self, client: _Client, now_s: float) -> None:
+        """Read what a client has sent, and answer once the request is complete."""
         try:
             data = client.connection.recv(MAX_REQUEST_BYTES + 1 - len(client.request))
         except BlockingIOError:
@@ -238,12 +241,13 @@ class StatusServer:
             self._answer(client, now_s)
 
     def _answer(self, client: _Client, now_s: float) -> None:
+        """Send the answer to a client's request; a refused one gets an error line."""
         client.answered = True
         client.deadline_s = now_s + REQUEST_S
         try:
             if client.turned_away:
                 raise ValueError(TOO_MANY)
-            asked, tyres = _request(bytes(client.request))
+            asked, tyres = _parse_request(bytes(client.request))
             if asked == "watch" and self.watchers >= MAX_WATCHERS:
                 raise ValueError(
                     f"too many watchers: {MAX_WATCHERS} are served at a time; ask for the status"
@@ -254,19 +258,19 @@ class StatusServer:
         except ValueError as error:
             line = _error_line(str(error))
         else:
-            line = self._explanation() if asked == "explain" else self._document_line()
+            line = self._explanation_line() if asked == "explain" else self._document_line()
         if client.watching:
             client.deadline_s = math.inf
         self._send(client, line)
 
     def _take_reset(self, tyres: str | None) -> None:
-        """Hand a reset on; ValueError says why it cannot be."""
+        """Hand a reset to the daemon; ValueError with the reason if it is rejected."""
         why = "this daemon takes no resets" if self._reset is None else self._reset(tyres)
         if why:
             raise ValueError(why)
 
-    def _explanation(self) -> bytes:
-        """Return the explanation, made again for each who asks: few do."""
+    def _explanation_line(self) -> bytes:
+        """Return the explanation as a line, made for each request, for these are few."""
         if self._explain is None:
             return _error_line("this daemon explains nothing")
         try:
@@ -276,6 +280,7 @@ class StatusServer:
             return _error_line("the explanation cannot be written")
 
     def _document_line(self) -> bytes:
+        """Return the status document as a line, made once per round; an error line if it is no JSON."""
         if self._latest is None:
             try:
                 text = json.dumps(self._document(), allow_nan=False)
@@ -286,12 +291,15 @@ class StatusServer:
         return self._latest
 
     def _send(self, client: _Client, line: bytes) -> None:
+        """Send a line as far as possible; a watcher that reads too slowly is disconnected."""
         client.pending += line
         self._send_pending(client)
         if client.watching and len(client.pending) > MAX_PENDING_BYTES:
             self._drop(client)
 
     def _send_pending(self, client: _Client) -> None:
+        """Send the rest of an answer as far as possible; disconnect a client that has it all and does not
+        watch."""
         try:
             while client.pending:
                 sent = client.connection.send(client.pending, socket.MSG_NOSIGNAL)
@@ -308,6 +316,7 @@ class StatusServer:
             self._watch_events(client, selectors.EVENT_WRITE if client.pending else 0)
 
     def _watch_events(self, client: _Client, events: int) -> None:
+        """Watch a client's connection for these events; 0 for none."""
         if events == client.events:
             return
         if not client.events:
@@ -319,6 +328,7 @@ class StatusServer:
         client.events = events
 
     def _drop(self, client: _Client) -> None:
+        """Close a client's connection."""
         if client not in self._clients:
             return
         self._clients.discard(client)
@@ -327,9 +337,9 @@ class StatusServer:
         client.connection.close()
 
 
-def _request(request: bytes) -> tuple[str, str | None]:
-    """Return the request (`status`, `watch` or `reset`) and its set of tyres; ValueError says what is
-    wrong."""
+def _parse_request(request: bytes) -> tuple[str, str | None]:
+    """Return the request (`status`, `watch`, `explain` or `reset`) and its set of tyres, None without;
+    ValueError if it is none."""
     if b"\n" not in request and len(request) > MAX_REQUEST_BYTES:
         raise ValueError(f"request longer than {MAX_REQUEST_BYTES} bytes")
     tyres = None
@@ -353,7 +363,7 @@ def _error_line(reason: str) -> bytes:
 
 
 def _remove_stale(path: Path) -> None:
-    """Take away a socket that nobody answers on; raises OSError for anything else that is in the way."""
+    """Remove a socket that nobody answers on; raises OSError for anything else at the path."""
     try:
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise FileExistsError(errno.EEXIST, "a file that is no socket is in the way")

@@ -53,6 +53,7 @@ def align(
     size = 1 << int(np.ceil(np.log2(a.size + b.size)))
 
     def correlate(x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the (a.size + b.size - 1,) cross-correlation of two series at all lags."""
         spectrum = np.fft.rfft(x, size) * np.conj(np.fft.rfft(y, size))
         wrapped = np.fft.irfft(spectrum, size)
         return np.concatenate([wrapped[-(b.size - 1) :], wrapped[: a.size]])

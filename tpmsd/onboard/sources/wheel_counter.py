@@ -293,7 +293,7 @@ class WheelCounter:
         return abs(distance_m) >= STUCK_BITS * self.m_per_bit
 
     def mark_stuck(self) -> None:
-        """Give no samples until the value changes; that begins a new segment."""
+        """Withhold samples until the value changes; that begins a new segment."""
         self.stuck = True
         self._suspect = self._held = None
 
@@ -481,7 +481,8 @@ class WheelCounter:
             self._held = (time_s, raw, bits)
 
     def _end_gap(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> bool:
-        """Decide on the first reading after a gap by when the second one comes; True if `raw` is used up.
+        """Judge the held first reading after a gap by the time of the second one, `raw`; return True if that
+        has begun a segment.
 
         Frames that follow at once were queued up: then it was no gap but a delay, the wheel had turned far
         less than the time stamps say, and the number of roll-overs is not known.

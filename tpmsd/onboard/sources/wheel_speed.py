@@ -247,7 +247,7 @@ class WheelSpeedIntegrator:
         return abs(step_radps) * self.radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:
-        """Give no samples until the value changes; that begins a new segment."""
+        """Withhold samples until the value changes; that begins a new segment."""
         self.stuck = True
         self._suspect = None
 

@@ -115,7 +115,7 @@ class SampledMotion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class WheelsIn:
-    """The wheels are inputs: a draw of the radius errors makes way and turn (6a), (6b)."""
+    """The wheels are inputs: a draw of the radius errors makes distance and turn (6a), (6b)."""
 
     def advance(
         self,

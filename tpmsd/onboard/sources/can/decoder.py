@@ -387,13 +387,16 @@ class CanDecoder:
         self._faults.note(out, time_s, "spoofed", group.origins[number], detail)
 
     def _note_short(self, time_s: float, signal: SignalPlan, size: int, out: list[Event]) -> None:
+        """Report a frame that is too short for a signal."""
         self.counts["decode.short"] += 1
         self._faults.note(out, time_s, "short", _fault_origin(signal), f"{signal.signal}: {size} bytes")
 
     def _note_invalid(self, time_s: float, signal: SignalPlan, bits: int, out: list[Event]) -> None:
+        """Report a signal whose bits are invalid, not qualified or no number."""
         self._faults.note(out, time_s, "invalid", _fault_origin(signal), f"{signal.signal} = {bits:#x}")
 
     def _report_timeout(self, time_s: float, group: Group, arrival: MessageArrival, out: list[Event]) -> None:
+        """Report a message that has timed out, for each of its wheels and roles."""
         arrival.timed_out = True
         silent = f"silent for {time_s - arrival.last_s:.2f} s" if arrival.seen else "never seen"
         self._faults.note_message(out, time_s, "timeout", group.origins, f"{group.plan.name} {silent}")

@@ -17,7 +17,7 @@ _JUMPS = frozenset({"jump", "reset"})
 
 
 class FaultLog:
-    """Counts every fault and says which ones are worth an event."""
+    """Counts every fault and decides which ones are reported as events."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()

@@ -46,6 +46,7 @@ def _read_text(
     lines_type: type[LogLines],
     open_reader: Callable[[TextIO], Iterable[can.Message]],
 ) -> Iterator[CanFrame]:
+    """Yield frames of a text log; a bad line is noted and skipped, as far as the reader gets beyond it."""
     with closing(lines_type(path)) as lines:
         reader = open_reader(cast(TextIO, lines))
         while True:
@@ -110,5 +111,6 @@ def frame_of(message: can.Message, line: int = 0, start_s: float = 0.0) -> CanFr
 
 
 def _reason(error: Exception) -> str:
+    """Return an error's type and text as one line of bounded length."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}{f' ({text[:120]})' if text else ''}"

@@ -100,7 +100,7 @@ class SignalPlan:
 
 @dataclass(frozen=True, slots=True)
 class SignalGroup:
-    """The needed signals of one message that come and go together: all in the same multiplexer branch."""
+    """The needed signals of one message that are sent together: all in the same multiplexer branch."""
 
     name: str
     selectors: tuple[tuple[BitField, frozenset[int]], ...]
@@ -231,7 +231,8 @@ class _ComparisonList:
 
 
 def can_filters(config: Config, database: Database, bus: int = 0) -> list[dict[str, Any]]:
-    """Filters for python-can that let through exactly the ids of a bus in which there is a needed signal."""
+    """Return the filters for python-can that let through exactly the ids of a bus in which there is a needed
+    signal."""
     return [
         {
             "can_id": key & 0x1FFFFFFF,

@@ -277,4 +277,5 @@ def _first_finite(*values: float) -> float:
 
 
 def _has_content(fix: GnssFix) -> bool:
+    """Return whether a fix has a position or a speed."""
     return math.isfinite(fix.latitude_deg) or math.isfinite(fix.speed_mps)

@@ -131,6 +131,7 @@ class CanFixAssembler:
         return [*events, fix]
 
     def _with_motion(self, fix: GnssFix, values: Mapping[str, float]) -> GnssFix:
+        """Return the fix with the burst's speed and course; NaN for what it has not."""
         speed = abs(values.get("gnss_speed", NAN))
         course = values.get("gnss_course", NAN) % (2.0 * math.pi)
         return replace(
@@ -144,6 +145,7 @@ class CanFixAssembler:
     def _with_position(
         self, fix: GnssFix, latitude: float, longitude: float, values: Mapping[str, float]
     ) -> GnssFix:
+        """Return the fix with a position, its altitude and its standard deviation."""
         rounding_m = self._position_step_m / math.sqrt(12.0)
         return replace(
             fix,

@@ -42,7 +42,7 @@ class GnssStream(Protocol):
         """Return the lines that this piece completes."""
 
     def reset(self) -> None:
-        """Forget what is unfinished: the line was closed and opened again."""
+        """Forget the unfinished message: the line was closed and opened again."""
 
 
 class NmeaStream:
@@ -107,7 +107,7 @@ class NmeaStream:
         return lines
 
     def reset(self) -> None:
-        """Forget what is unfinished."""
+        """Forget the unfinished line and frame."""
         self._ubx.reset()
         self._nmea.reset()
 
@@ -143,5 +143,5 @@ class GpsdStream:
         return out
 
     def reset(self) -> None:
-        """Forget what is unfinished."""
+        """Forget the unfinished report."""
         self._reports.reset()
