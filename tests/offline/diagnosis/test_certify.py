@@ -26,7 +26,7 @@ from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.p_value import (
-    chance,
+    estimate_p_value,
     discoveries,
     enough,
     p_value,
@@ -131,7 +131,7 @@ def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPa
         return [[0.0] * 7 for _ in statistics]
 
     monkeypatch.setattr(certify, "_drawn", seven)
-    often = [chance(0.0, [1.0] * 7) for _ in before.findings]
+    often = [estimate_p_value(0.0, [1.0] * 7) for _ in before.findings]
     again = certify._without_splines(
         regression, selection, evidence, before.findings, often, 1.0, 7, np.random.default_rng(1)
     )
@@ -212,7 +212,7 @@ def test_p_values_are_no_smaller_than_replicates_support() -> None:
     """Whatever the maxima's distribution: at most a share a of null values has a p-value of a or less."""
     rng = np.random.default_rng(4)
     drawn = rng.standard_cauchy(size=(2000, 10))
-    values = np.array([chance(float(row[0]), list(row[1:])).p_value for row in drawn])
+    values = np.array([estimate_p_value(float(row[0]), list(row[1:])).p_value for row in drawn])
 
     assert values.min() == pytest.approx(0.1)
     for level in (0.1, 0.2, 0.3):
@@ -251,7 +251,7 @@ def test_p_values_with_early_stopping_are_those_of_ranks(most: int) -> None:
 def test_a_value_that_chance_often_reaches_is_no_discovery() -> None:
     """Counted where replicates reach it; beyond all of them by the tail, the wider the fewer there are."""
     often, once, never = (
-        chance(1.0, maxima) for maxima in ([0.0, 2.0, 2.0, 2.0], [0.0, 0.0, 2.0], [0.0] * 7)
+        estimate_p_value(1.0, maxima) for maxima in ([0.0, 2.0, 2.0, 2.0], [0.0, 0.0, 2.0], [0.0] * 7)
     )
 
     assert (0.75, False, 0.75) == (often.p_value, often.is_bound, often.tail)
@@ -264,7 +264,7 @@ def test_a_value_that_chance_often_reaches_is_no_discovery() -> None:
 
 def test_a_test_of_its_own_bounds_its_chance() -> None:
     """No decision and no p-value is below the probability of the test's own distribution."""
-    one = chance(1000.0, [0.0] * 9, own=0.3)
+    one = estimate_p_value(1000.0, [0.0] * 9, own=0.3)
 
     assert (0.3, False, 0.3) == (one.p_value, one.is_bound, one.tail)
 

@@ -22,7 +22,7 @@ from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
 from tpmsd.offline.report.diagnosis_document import diagnosis_document
-from tpmsd.offline.report.diagnosis_summary import explained
+from tpmsd.offline.report.diagnosis_summary import explanatory_sentence
 
 STIFFNESS = 60.0
 """Slip stiffness over load: a stiff tyre, so that ten minutes hold no more than some thousand nats."""
@@ -134,8 +134,8 @@ def test_the_sentence_says_over_what_how_much_and_what_is_missing() -> None:
     assert (
         "Wheel slip by the tyre model of a typical car, over accel_long, would gain 30 nats beyond this"
         " (250 alone, both in sample); without accel_long on the bus it is told by the wheels' own motion."
-    ) == explained(slip)
-    assert "" == explained(replace(slip, beyond=9.0))
+    ) == explanatory_sentence(slip)
+    assert "" == explanatory_sentence(replace(slip, beyond=9.0))
 
 
 def test_one_axle_alone_has_no_hypothesis_of_wheel_slip() -> None:

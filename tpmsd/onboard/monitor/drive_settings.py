@@ -128,7 +128,7 @@ class DriveEvidenceSettings:
     """Fraction of the drives with wheels of another size on which that came while driving: chains without a
     stop, a receiver that scales (assumed). Nobody changes a wheel then."""
     negligible_nats: float = 12.0
-    """Behind the best, from which an change hypothesis is left out: 6e-6 of it at most."""
+    """Behind the best, from which a change hypothesis is left out: 6e-6 of it at most."""
     min_std: float = 1e-9
     """Keeps the information of an onset from being singular, relative to its largest part."""
 
