@@ -56,7 +56,7 @@ def rings(monkeypatch: pytest.MonkeyPatch) -> dict[int, list[Ripple]]:
     """The ripples of each drive; no faintly miscounted ring."""
     by_drive: dict[int, list[Ripple]] = {}
     monkeypatch.setattr(of_teeth, "ripples", lambda recording, _: by_drive.get(recording.number, []))
-    monkeypatch.setattr(of_teeth, "wrong_teeth", lambda recording, radii: [])
+    monkeypatch.setattr(of_teeth, "wheels_with_wrong_teeth", lambda recording, radii: [])
     return by_drive
 
 
@@ -136,7 +136,9 @@ def test_counts_lost_at_walking_pace_are_identified_by_the_drive_that_tells_them
     asked = SETTINGS.counters.lost_admit_nats
     reported = [None, LowSpeedLosses(("rl",), 2.0, 0.1, 0.3, 0.02, asked + 2.0, (0.5, 2.0)), None]
     reported.append(LowSpeedLosses(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
-    monkeypatch.setattr(lost_counts, "lost_counts", lambda recording, radii_m: reported[recording.number])
+    monkeypatch.setattr(
+        lost_counts, "low_speed_losses", lambda recording, radii_m: reported[recording.number]
+    )
 
     (found,) = lost(regression_of(4), SECONDS)
 

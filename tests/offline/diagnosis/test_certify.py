@@ -26,9 +26,9 @@ from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.p_value import (
-    estimate_p_value,
     discoveries,
     enough,
+    estimate_p_value,
     p_value,
     tail_probability,
 )

@@ -66,6 +66,20 @@ def test_counts_lost_below_a_speed_are_found() -> None:
     assert abs(found.below_mps - BELOW_MPS) < 2.0 * found.below_std_mps < 1.5
 
 
+def test_the_speeds_are_those_of_the_wheel_that_loses() -> None:
+    """A rougher wheel behind it, which is read from a higher speed on, changes nothing."""
+    recording, radius_m = blind(BELOW_MPS), reference(blind(BELOW_MPS)).car.radius_m
+    rough = recording.rotation_rad.copy()
+    rough[:, 3] += 0.5 * np.random.default_rng(1).standard_normal(len(rough))
+
+    smooth_losses = low_speed_losses(recording, radius_m)
+    rough_losses = low_speed_losses(replace(recording, rotation_rad=rough), radius_m)
+
+    assert smooth_losses is not None
+    assert rough_losses is not None
+    assert rough_losses.speeds_mps[0] == pytest.approx(smooth_losses.speeds_mps[0], abs=0.05)
+
+
 def test_a_single_stop_loses_nothing() -> None:
     """A receiver whose speed is late at one stop, the only one that it reads: nobody knows how it errs."""
     recording = city()

@@ -44,7 +44,7 @@ def low_speed_losses(recording: Recording, radii_m: FloatArray) -> LowSpeedLosse
     shown = _wheel_speeds(recording, radii_m, time_s)
     slow = speed < COUNTERS.lost_compared_to_mps
     found: list[tuple[int, float, float, float, float, float]] = []
-    least = COUNTERS.lost_min_mps
+    least_mps: dict[int, float] = {}
     for wheel in recording.wheels:
         y = shown[:, wheel] - speed
         here = slow & np.isfinite(y) & np.isfinite(accel)
@@ -55,14 +55,14 @@ def low_speed_losses(recording: Recording, radii_m: FloatArray) -> LowSpeedLosse
         values = np.linalg.lstsq(base[calm], y[calm], rcond=None)[0]
         left = y - base @ values
         std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
-        least = max(COUNTERS.lost_min_mps, COUNTERS.lost_errors * std)
-        best = _best_limit(time_s, speed, left, here & (speed > least), std)
+        least_mps[wheel] = max(COUNTERS.lost_min_mps, COUNTERS.lost_errors * std)
+        best = _best_limit(time_s, speed, left, here & (speed > least_mps[wheel]), std)
         if best is not None:
             found.append((wheel, *best))
     if not found:
         return None
     gains = np.array([gain for *_, gain in found])
-    _, below, below_std, share, share_std, _ = found[int(np.argmax(gains))]
+    likeliest, below, below_std, share, share_std, _ = found[int(np.argmax(gains))]
     similar = [one for one in found if abs(one[1] - below) <= 0.5]
     return LowSpeedLosses(
         wheels=tuple(WHEELS[one[0]] for one in similar),
@@ -71,7 +71,7 @@ def low_speed_losses(recording: Recording, radii_m: FloatArray) -> LowSpeedLosse
         share=float(np.clip(share, 0.0, 1.0)),
         share_std=share_std,
         gain=max(one[-1] for one in similar),  # what the receiver errs by is in every wheel
-        speeds_mps=(least, below),
+        speeds_mps=(least_mps[likeliest], below),
     )
 
 

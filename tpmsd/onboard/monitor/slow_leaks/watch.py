@@ -220,8 +220,8 @@ def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
     """Return the notice of a leak of this wheel, now."""
     early, middle, late = (_iso_date(time_s / DAY_S + in_d) for in_d in trend.low_in_d)
     reason = (
-        f"loses {trend.rate:.1f} +- {trend.rate_std:.1f} % of its pressure per week against the other tyre of its axle, by "
-        f"{trend.days:.0f} days of driving in {trend.span_d:.0f} days; 20 % low on {middle} "
+        f"loses {trend.rate:.1f} +- {trend.rate_std:.1f} % of its pressure per week against its axle's other "
+        f"tyre, by {trend.days:.0f} days of driving in {trend.span_d:.0f} days; 20 % low on {middle} "
         f"({early} to {late})"
     )
     return AlarmEvent(
