@@ -26,6 +26,16 @@ def test_a_soft_axle_and_wheels_that_give_way_are_one_to_a_linear_car(tmp_path: 
     assert 0.1 < one.confidence < 0.9
 
 
+def test_front_wheels_that_turn_by_the_acceleration_have_two_names(tmp_path: Path) -> None:
+    """Whether they lean or give way, the car moves the same: whichever is named lists the other."""
+    found = diagnosed(str(tmp_path), hidden(roll_steer={"front": 0.0015, "instant": 1.0}))
+
+    assert len(found.findings) == 1
+    one = found.findings[0]
+    assert {"compliance_steer", "roll_steer"} <= {one.effect, *one.indistinguishable_from}
+    assert 0.1 < one.confidence < 0.9
+
+
 def test_a_name_is_as_likely_as_the_selections_that_hold_it(tmp_path: Path) -> None:
     """A selection in which a name became needless beside another term's competitor counts against it."""
     where = folder(

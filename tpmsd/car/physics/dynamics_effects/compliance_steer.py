@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
@@ -15,8 +16,9 @@ class DynamicsComplianceSteer(DynamicsEffect):
     """The front wheels turn out of the bend by k * F_f, k = c l / (m b): by c * a_y in steady bends.
 
     F_f is the force of tyres without a limit: the axle has C / (1 + k C) instead of C. It gives way: c is
-    positive. Source: 1 to 3 degrees per g with rack and bushings, a third of it by compliance
-    ([Gillespie 1992], ch. 6).
+    positive. With by_accel = 1 they turn by c * a_y, as compliance measured in steady bends is stated and
+    often simulated; front wheels that steer as the body leans do the same. Source: 1 to 3 degrees per g with
+    rack and bushings, a third of it by compliance ([Gillespie 1992], ch. 6).
     """
 
     name = "compliance_steer"
@@ -42,11 +44,32 @@ class DynamicsComplianceSteer(DynamicsEffect):
             probe=1e-05,
             prior=Prior(0.0, 0.001, "a third of 1 to 3 degrees per g: Gillespie, ch. 6"),
         ),
+        Parameter(
+            "by_accel",
+            "1",
+            1.0,
+            0.0,
+            1.0,
+            "1: the wheels turn by the lateral acceleration, 0: by the force of their axle",
+        ),
     )
     coefficient: float = 0.0
+    by_accel: float = 0.0
+
+    @classmethod
+    def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+        """Return what the wheels may give way to: where tyres feel their loads, their force alone."""
+        return ({"by_accel": 0.0},) if nonlinear else ({"by_accel": 0.0}, {"by_accel": 1.0})
+
+    def follows_instant(self) -> bool:
+        """Return True if the wheels turn by the acceleration that the tyres give."""
+        return self.by_accel > 0.0
 
     def adapt_angles(self, frame: Frame) -> None:
         """Turn the front wheels by -k F / (1 + k C), F the force of wheels that do not give way."""
+        if self.by_accel > 0.0:
+            frame.turn(-self.coefficient * frame.instant, 0.0)
+            return
         base = frame.front + frame.rear
         soft = self.coefficient * base / (frame.mass * frame.rear) * frame.cornering_front
         angle = frame.angle[: len(frame.angle) // 2].mean(axis=0)
