@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from tests.offline.dynamics.drives import folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.offline.dynamics.findings import findings_of
 from tpmsd.offline.dynamics.located import nameless
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics
 from tpmsd.offline.dynamics.path import Setup, smoothed
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -91,6 +94,61 @@ def test_what_predicts_plainly_worse_on_a_part_is_not_fitted_to_the_whole_drive(
         Judged.worse, Judged.asked = worse * SETTINGS.plain_error_increase, []
         assert not search.attempt([*search.terms, slip])
         assert [count < whole for count in Judged.asked] == [True, False][:asked]
+
+
+class Noted(Search):
+    """A selection that notes how much of the catalogue each look offers."""
+
+    offers: list[int]
+
+    def _looked_at(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
+        self.offers.append(len(offered))
+        return super()._looked_at(offered)
+
+
+def test_what_is_needless_goes_before_the_catalogue_is_looked_at(tmp_path: Path) -> None:
+    """Its own columns say so; those of the whole catalogue take ten times as long."""
+    Noted.offers = []
+    search = begun(tmp_path, Noted)
+    search.terms = [
+        term_of(make_dynamics_effect(name, **values), search.setup.baseline)
+        for name, values in (("mass_error", {"relative": 0.0}), ("yaw_rate_bias", {"bias": 0.0}))
+    ]
+
+    assert search.tidy(8.0)
+
+    assert len(search.terms) == 1
+    assert Noted.offers == [0]
+
+
+class Contested(Search):
+    """A selection in which one name beats every term to first order, and none once it is fitted."""
+
+    attempts: list[str]
+
+    def look(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
+        """Return evidence for every term, and more for that name."""
+        better = term_of(make_dynamics_effect("gyro_delay", delay_s=0.0), self.setup.baseline)
+        return Mock(evidence=lambda k: 50.0, competitors=lambda k: [(better, 60.0)])
+
+    def attempt(self, terms: list[CandidateTerm]) -> bool:
+        """Refuse it."""
+        self.attempts.append(terms[-1].name)
+        return False
+
+
+def test_a_name_that_predicts_worse_is_not_tried_in_the_place_of_each_term(tmp_path: Path) -> None:
+    """Once in a pass over the terms."""
+    Contested.attempts = []
+    search = begun(tmp_path, Contested)
+    search.terms = [
+        term_of(make_dynamics_effect(name, **values), search.setup.baseline)
+        for name, values in (("mass_error", {"relative": 0.1}), ("yaw_rate_bias", {"bias": 0.01}))
+    ]
+
+    assert not search.tidy(8.0)
+
+    assert Contested.attempts == ["gyro_delay"]
 
 
 class RunsAway(Search):

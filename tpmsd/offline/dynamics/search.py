@@ -72,6 +72,8 @@ class FittedModel:
     noise: PathNoise
     floor: PathNoise
     error: float
+    looked: CachedStatistics | None
+    """Answers about it."""
 
 
 @dataclass
@@ -217,12 +219,13 @@ class Search:
 
     def _fitted(self) -> FittedModel:
         """Return what a fit changes, as it stands."""
-        return FittedModel(tuple(self.terms), self.at, self.noise, self.floor, self.error)
+        return FittedModel(tuple(self.terms), self.at, self.noise, self.floor, self.error, self.looked)
 
     def _restore(self, fitted: FittedModel) -> None:
         """Go back to a model as it stood."""
         self.terms = list(fitted.terms)
         self.at, self.noise, self.floor, self.error = fitted.at, fitted.noise, fitted.floor, fitted.error
+        self.looked = fitted.looked
 
     def _move(self, step: FloatArray) -> None:
         at = 0
@@ -415,31 +418,46 @@ class Search:
         return float(np.mean(np.clip(np.nan_to_num(np.array(logs), nan=6.0), -5.0, 6.0)))
 
     def tidy(self, threshold: float) -> bool:
-        """Take one exchange or backward step where it helps; True if it took one."""
+        """Take one backward or exchange step where it helps; True if it took one.
+
+        What predicts worse in the place of one term is not tried in that of another.
+        """
+        if self._removed(threshold):
+            return True
         look = self.look(self.offered())
-        for k in range(len(self.terms)):
-            if self.terms[k].key == self.kept:
-                continue
-            rest = [term for j, term in enumerate(self.terms) if j != k]
-            least = 0.0 if self.terms[k].nuisance else 0.5 * threshold
-            if look.evidence(k) < least and self.attempt(rest):
-                return True
+        worse: set[str] = set()
         for k, term in enumerate(self.terms):
             if term.nuisance or term.key == self.kept:
                 continue
             competitors = look.competitors(k)
             better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.confounded_nats
-            if better and self._exchanged(k, term, competitors[0][0]):
+            if better and competitors[0][0].key not in worse and self._exchanged(k, competitors[0][0], worse):
                 return True
         return False
 
-    def _exchanged(self, k: int, term: CandidateTerm, competitor: CandidateTerm) -> bool:
-        """Replace a term by a competing one; False, and nothing changed, if that is no better."""
-        before = self._fitted()
+    def _removed(self, threshold: float) -> bool:
+        """Take out the first term that is needless and without which the model predicts no worse; False if
+        there is none. The model's own columns tell; what else is offered need not be asked."""
+        look = self.look([])
+        for k, term in enumerate(self.terms):
+            if term.key == self.kept:
+                continue
+            least = 0.0 if term.nuisance else 0.5 * threshold
+            if look.evidence(k) < least:
+                rest = [one for j, one in enumerate(self.terms) if j != k]
+                if self._taken(rest, SETTINGS.max_error_increase):
+                    return True
+        return False
+
+    def _exchanged(self, k: int, competitor: CandidateTerm, worse: set[str]) -> bool:
+        """Replace a term by a competing one; False, and nothing changed, if that is no better. One that
+        predicts worse is noted."""
+        before, term = self._fitted(), self.terms[k]
         start = replace(competitor, jump=False) if competitor.jump else competitor
         rest = [one for j, one in enumerate(self.terms) if j != k]
         if not self.attempt([*rest, start]):
             self.rejected[competitor.name] = 0.0
+            worse.add(competitor.key)
         elif self._better(term, competitor):
             return True
         self._restore(before)
