@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -149,6 +150,36 @@ def test_a_name_that_predicts_worse_is_not_tried_in_the_place_of_each_term(tmp_p
     assert not search.tidy(8.0)
 
     assert Contested.attempts == ["gyro_delay"]
+
+
+def test_a_tidy_pass_looks_at_a_part_first(tmp_path: Path) -> None:
+    """There the scale of a gyro has no competitor; the forward step finds the answers."""
+    where = folder(tmp_path / "d", hidden(yaw_rate_scale={"scale": 0.95}), duration_s=180.0)
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, CHANNELS))
+    search.terms = [one for one in search.offered() if one.name == "yaw_rate_scale"]
+    search.settle()
+
+    assert not search.tidy(8.0)
+
+    assert search.seen.whole is None
+    coarse = search._coarse()
+    assert coarse is search._coarse()
+    assert coarse.seen.whole is not None
+
+
+def test_a_fit_stops_where_a_step_promises_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A two-hundredth of a nat is left aside, whatever values that moves."""
+    search = begun(tmp_path)
+    search.terms = [term_of(make_dynamics_effect("mass_error", relative=0.0), search.setup.baseline)]
+    search.settle()
+    moved: list[float] = []
+    monkeypatch.setattr("tpmsd.offline.dynamics.search.SETTINGS", replace(SETTINGS, settled=0.0))
+    monkeypatch.setattr(search, "_move", lambda step: moved.append(float(step[0])))
+
+    search.fit()
+
+    assert len(moved) == 1
 
 
 class RunsAway(Search):

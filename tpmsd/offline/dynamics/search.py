@@ -85,6 +85,8 @@ class CachedStatistics:
     terms: tuple[CandidateTerm, ...]
     whole: ModelStatistics | None = None
     """Statistics with every effect of the catalogue offered."""
+    part: Search | None = None
+    """The model on a part of the blocks, with answers of its own."""
     slopes: list[LocatedTerm] | None = None
     nameless: list[LocatedTerm] | None = None
 
@@ -177,7 +179,8 @@ class Search:
         self.at = smoothed(self.setup, self.theta, self.at, self.noise)
 
     def fit(self, rounds: int = 3) -> None:
-        """Fit parameters, path and noise again."""
+        """Fit parameters, path and noise again, until no value moves any more or what a step promises is left
+        aside."""
         for k in range(rounds):
             if not self.terms:
                 break
@@ -185,11 +188,12 @@ class Search:
             statistics = Statistics(gram(self.setup, self.theta, self.at, self.noise, probes))
             everything = joined(columns)
             ratio = statistics.addition(PriorColumns((), np.zeros(0), np.zeros(0)), everything).overdispersion
-            step, _ = statistics.fit(replace(everything, precision=everything.precision * ratio))
+            step, covariance = statistics.fit(replace(everything, precision=everything.precision * ratio))
+            fall = float(step @ np.linalg.solve(covariance, step))
             self._move(step)
             self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
             size = np.concatenate([1.0 / np.sqrt(part.precision) for part in columns])
-            if np.all(np.abs(step) < SETTINGS.settled * size):
+            if fall < SETTINGS.path_tolerance or np.all(np.abs(step) < SETTINGS.settled * size):
                 break
             if k == 0:
                 self._refit_noise(4)
@@ -343,14 +347,25 @@ class Search:
         """
         self.rejected = {}
         offered = self.offered()
-        coarse = self.part()
-        if coarse.setup is not self.setup:
-            if self.seen.whole is not None:
-                coarse.seen.whole = self.seen.whole.on(part_of_blocks(self.setup))
+        coarse = self._coarse()
+        if coarse is not self:
             ranked = coarse.ranked(offered, SETTINGS.plain * threshold)
             if ranked and self._first_of(ranked):
                 return True
         return self._first_of(self.ranked([t for t in offered if t.name not in self.rejected], threshold))
+
+    def _coarse(self) -> Search:
+        """Return the model on a part of the blocks, the same one as long as it stands; itself where that is
+        all of them."""
+        seen = self.seen
+        if seen.part is None:
+            few = self.part()
+            if few.setup is self.setup:
+                return self
+            seen.part = few
+        if seen.whole is not None:
+            seen.part.seen.whole = seen.whole.on(part_of_blocks(self.setup))
+        return seen.part
 
     def ranked(self, offered: list[CandidateTerm], threshold: float) -> list[tuple[CandidateTerm, float]]:
         """Return the terms above the threshold at their fitted values, best first, each effect once."""
@@ -420,10 +435,14 @@ class Search:
     def tidy(self, threshold: float) -> bool:
         """Take one backward or exchange step where it helps; True if it took one.
 
-        What predicts worse in the place of one term is not tried in that of another.
+        What predicts worse in the place of one term is not tried in that of another. Where a part of the
+        blocks has no competitor for any term, the whole drive is not asked.
         """
         if self._removed(threshold):
             return True
+        coarse = self._coarse()
+        if coarse is not self and not coarse._contested(-SETTINGS.confounded_nats):
+            return False
         look = self.look(self.offered())
         worse: set[str] = set()
         for k, term in enumerate(self.terms):
@@ -432,6 +451,17 @@ class Search:
             competitors = look.competitors(k)
             better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.confounded_nats
             if better and competitors[0][0].key not in worse and self._exchanged(k, competitors[0][0], worse):
+                return True
+        return False
+
+    def _contested(self, nats: float) -> bool:
+        """Return True if a term has a competitor whose evidence is larger by so many nats."""
+        look = self.look(self.offered())
+        for k, term in enumerate(self.terms):
+            if term.nuisance or term.key == self.kept:
+                continue
+            competitors = look.competitors(k)
+            if competitors and competitors[0][1] > look.evidence(k) + nats:
                 return True
         return False
 
