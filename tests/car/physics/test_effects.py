@@ -14,8 +14,8 @@ from tpmsd.car.physics.covariates import covariate
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.forward import (
     antenna_truth,
-    counted_revolutions,
     gyro_rates,
+    shown_counts,
     wheel_angles,
     wheel_rates,
 )
@@ -250,7 +250,7 @@ def test_a_ring_with_a_tooth_less_counts_less() -> None:
     turn = np.array([2 * np.pi])
 
     assert [48.0, 47.0, 48.0, 48.0] == [
-        pytest.approx(counted_revolutions(turn, wheel, car(), model)[0]) for wheel in range(4)
+        pytest.approx(shown_counts(turn, wheel, car(), model)[0]) for wheel in range(4)
     ]
 
 

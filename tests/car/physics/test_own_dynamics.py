@@ -1,4 +1,4 @@
-"""Effects of vehicle dynamics that users bring: taken in, checked, refused with one line."""
+"""Effects of vehicle dynamics that users bring: taken in, checked_effect, refused with one line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
-from tpmsd.car.physics.own_dynamics import checked, dynamics_effects_outside
+from tpmsd.car.physics.own_dynamics import checked_effect, external_dynamics_effects
 from tpmsd.car.physics.own_effects import VARIABLE, dynamics_classes_of, effects_of_file, module_of_file
 from tpmsd.foundation.errors import ConfigError
 
@@ -45,12 +45,12 @@ def test_a_file_brings_an_effect_of_vehicle_dynamics_alone(
     """Rolling wheels get nothing of it and take no offence; the dynamics get the class once."""
     path = written(tmp_path)
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    (found,) = dynamics_effects_outside(DYNAMICS_EFFECTS)
+    (found,) = external_dynamics_effects(DYNAMICS_EFFECTS)
 
     assert effects_of_file(path) == []
     assert found.name == "crooked_pull"
     assert [found] == dynamics_classes_of(module_of_file(path))
-    assert [] == list(dynamics_effects_outside({**DYNAMICS_EFFECTS, "crooked_pull": found}))
+    assert [] == list(external_dynamics_effects({**DYNAMICS_EFFECTS, "crooked_pull": found}))
 
 
 def test_a_name_that_is_taken_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +59,7 @@ def test_a_name_that_is_taken_is_refused(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv(VARIABLE, str(tmp_path))
 
     with pytest.raises(ConfigError, match=r"another effect 'crooked_pull'"):
-        list(dynamics_effects_outside({"crooked_pull": DYNAMICS_EFFECTS["mass_error"]}))
+        list(external_dynamics_effects({"crooked_pull": DYNAMICS_EFFECTS["mass_error"]}))
 
 
 @pytest.mark.parametrize(
@@ -75,5 +75,5 @@ def test_a_broken_effect_is_one_line(tmp_path: Path, changes: dict[str, str], sa
     (effect,) = dynamics_classes_of(module_of_file(written(tmp_path, **changes)))
 
     with pytest.raises(ConfigError, match=said) as error:
-        checked(effect, "pull.py")
+        checked_effect(effect, "pull.py")
     assert "\n" not in str(error.value)

@@ -27,8 +27,8 @@ from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.own_effects import (
     effects_of_entry_point,
     effects_of_file,
+    external_effects,
     files_of,
-    found_outside,
     use_folder,
 )
 from tpmsd.foundation.errors import ConfigError
@@ -230,7 +230,7 @@ def test_a_name_stands_for_one_effect(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("TPMSD_EFFECTS_PATH", str(tmp_path))
 
     with pytest.raises(ConfigError, match="there is another effect 'wear'"):
-        list(found_outside(EFFECTS))
+        list(external_effects(EFFECTS))
 
 
 @pytest.mark.parametrize("which", ["file", "folder"])
@@ -261,8 +261,8 @@ def test_entry_points_bring_classes_and_modules(monkeypatch: pytest.MonkeyPatch)
         "tpmsd.car.physics.own_effects.entry_points",
         lambda group: [point("tpmsd.car.physics.effects.wear:Wear")],
     )
-    assert [EFFECTS["wear"]] == list(found_outside({}))
-    assert [] == list(found_outside(EFFECTS))
+    assert [EFFECTS["wear"]] == list(external_effects({}))
+    assert [] == list(external_effects(EFFECTS))
 
 
 def test_folders_that_are_named_twice_count_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

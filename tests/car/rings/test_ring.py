@@ -10,11 +10,11 @@ import pytest
 from tpmsd.car.rings.ring import (
     amplitude_and_phase,
     count_length_m,
-    counts_of,
     counts_per_m,
+    counts_per_revolution,
+    fraction_of_counts,
     harmonic_rad,
-    radius_of,
-    share_of,
+    radius_from_counts_m,
     turns_hz,
 )
 from tpmsd.car.rings.ripple import noise_power, ripple_gain, robust_std
@@ -29,8 +29,8 @@ def test_counts_of_a_rolled_wheel() -> None:
 
     assert abs(len(edges) - 100 * TEETH) <= 1
     assert counts_per_m(TEETH, RADIUS_M) == pytest.approx(100 * TEETH / distance_m)
-    assert radius_of(TEETH, counts_per_m(TEETH, RADIUS_M)) == pytest.approx(RADIUS_M)
-    assert counts_of(counts_per_m(TEETH, RADIUS_M), RADIUS_M) == pytest.approx(TEETH)
+    assert radius_from_counts_m(TEETH, counts_per_m(TEETH, RADIUS_M)) == pytest.approx(RADIUS_M)
+    assert counts_per_revolution(counts_per_m(TEETH, RADIUS_M), RADIUS_M) == pytest.approx(TEETH)
 
 
 def test_lost_counts_are_a_share_of_the_turns() -> None:
@@ -38,7 +38,7 @@ def test_lost_counts_are_a_share_of_the_turns() -> None:
     revolutions_hz = turns_hz(10 * 2 * math.pi * RADIUS_M, RADIUS_M)
 
     assert revolutions_hz == pytest.approx(10.0)
-    assert share_of(2.4, TEETH, revolutions_hz) == pytest.approx(0.005)
+    assert fraction_of_counts(2.4, TEETH, revolutions_hz) == pytest.approx(0.005)
 
 
 def test_the_first_harmonic_of_an_eccentric_ring() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tpmsd.car.rings.ripple import of_one_size
+from tpmsd.car.rings.ripple import common_amplitude_gain
 
 BLOCKS = 15
 
@@ -17,8 +17,8 @@ def test_the_gain_is_that_of_an_exponential_mean() -> None:
     gains = 2.5 * rng.exponential(size=BLOCKS)
     best = stats.expon(scale=gains.mean()).logpdf(gains).sum() - stats.expon().logpdf(gains).sum()
 
-    assert best == pytest.approx(float(of_one_size(gains.sum(), BLOCKS)))
-    assert 0.0 == float(of_one_size(np.array(0.5 * BLOCKS), BLOCKS))
+    assert best == pytest.approx(float(common_amplitude_gain(gains.sum(), BLOCKS)))
+    assert 0.0 == float(common_amplitude_gain(np.array(0.5 * BLOCKS), BLOCKS))
 
 
 def test_noise_seldom_looks_like_a_ripple() -> None:
@@ -27,5 +27,5 @@ def test_noise_seldom_looks_like_a_ripple() -> None:
     rng = np.random.default_rng(2)
     sums = rng.gamma(BLOCKS, size=(2000, 2 * 200))
 
-    assert 0 == np.count_nonzero(of_one_size(sums, BLOCKS).max(axis=1) > 14.0)
+    assert 0 == np.count_nonzero(common_amplitude_gain(sums, BLOCKS).max(axis=1) > 14.0)
     assert 1000 < np.count_nonzero(sums.max(axis=1) - BLOCKS > 11.0)

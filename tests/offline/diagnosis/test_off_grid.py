@@ -9,7 +9,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.car.physics.catalogue import groups, make_effect
+from tpmsd.car.physics.catalogue import make_effect, probe_groups
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.prepared.admission import admitted
@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import most_significant_shape, refine
 from tpmsd.offline.diagnosis.selection.selector import Selector
 
-CURVE = next(group for group in groups() if group[0].effect == "drive_slip_curve" and len(group) == 2)
+CURVE = next(group for group in probe_groups() if group[0].effect == "drive_slip_curve" and len(group) == 2)
 
 
 def test_all_values_of_an_effect_stay_when_its_parameter_is_refined() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.car.physics.catalogue import EFFECTS, groups
+from tpmsd.car.physics.catalogue import EFFECTS, probe_groups
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 
 HEAT = next(
-    group for group in groups() if group[0].effect == "brake_heat" and group[0].wheel_pattern == "front"
+    group for group in probe_groups() if group[0].effect == "brake_heat" and group[0].wheel_pattern == "front"
 )
 
 

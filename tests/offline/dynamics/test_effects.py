@@ -107,16 +107,16 @@ def test_an_evaluation_that_is_carried_on_is_that_of_the_whole_model(kind: str) 
     classes = [cls for cls in DYNAMICS_EFFECTS.values() if cls.applies(model.nonlinear, model.forces)]
     effects = [typical(cls.name) for cls in classes if not cls.states and cls.numbers()]
     first = next(one for one in effects if one.name == "mass_error")
-    rolled = model.rolled(x, u, (first,))
+    rolled = model.evaluate_to_tyre_forces(x, u, (first,))
     for effect in effects:
         theta = (first, effect) if effect is not first else (first,)
         carried, whole = model.frame(x, u, theta, rolled=rolled), model.frame(x, u, theta)
         assert all(np.array_equal(carried.outputs[k], v) for k, v in whole.outputs.items()), effect.name
         assert all(np.array_equal(carried.rates[k], v) for k, v in whole.rates.items()), effect.name
-    assert rolled.serves((first, typical("yaw_moment"), typical("yaw_rate_bias")))
-    assert not rolled.serves((first, typical("steering_offset")))
-    assert not rolled.serves(())
-    assert not rolled.serves((typical("mass_error"),))  # another object may have other values
+    assert rolled.has_same_early_effects((first, typical("yaw_moment"), typical("yaw_rate_bias")))
+    assert not rolled.has_same_early_effects((first, typical("steering_offset")))
+    assert not rolled.has_same_early_effects(())
+    assert not rolled.has_same_early_effects((typical("mass_error"),))  # another object may have other values
 
 
 @pytest.mark.parametrize("name", sorted(DYNAMICS_EFFECTS))
@@ -586,13 +586,13 @@ def test_angles_that_no_load_changes_are_found_once(monkeypatch: pytest.MonkeyPa
     loads = make_dynamics_effect("instant_loads", coefficient=1.0)
     turning = make_dynamics_effect("roll_steer", coefficient=0.002)
     found: list[float] = []
-    original = ThreeDof._angles
+    original = ThreeDof._fill_slip_angles
 
     def counted(self: ThreeDof, frame: Frame) -> None:
         found.append(1.0)
         original(self, frame)
 
-    monkeypatch.setattr(ThreeDof, "_angles", counted)
+    monkeypatch.setattr(ThreeDof, "_fill_slip_angles", counted)
     once = ThreeDof(CAR).rates(state, entering, (slip, loads))
     assert len(found) == 1
     monkeypatch.setattr(type(slip), "reads_loads", True)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.offline.dynamics.drives import folder, hidden, loaded
 from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
-from tpmsd.car.physics.own_dynamics import checked
+from tpmsd.car.physics.own_dynamics import checked_effect
 from tpmsd.car.physics.own_effects import dynamics_classes_of, module_of_file
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.offline.dynamics.document import dynamics_document
@@ -66,5 +66,5 @@ def test_the_file_of_a_proposal_is_an_effect(tmp_path: Path, on: str) -> None:
     path.write_text(text)
     (effect,) = dynamics_classes_of(module_of_file(path))
 
-    assert checked(effect, str(path)).name == "proposed_made_up"
+    assert checked_effect(effect, str(path)).name == "proposed_made_up"
     assert effect.numbers()[0].typical == 0.3

@@ -39,7 +39,7 @@ def test_a_change_is_the_difference_of_two_predictions(reader: Reader, base: Ext
     before = reader.predict(base)
     scale = np.nanmax(np.abs(before), axis=0)
     for probe in probes():
-        effect = probe.made()
+        effect = probe.probing_effect()
         expected = np.nan_to_num(reader.predict(base.plus(effect)) - before)
 
         assert np.abs(expected - reader.change(base, effect)).max(axis=0) == pytest.approx(

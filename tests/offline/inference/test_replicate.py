@@ -50,7 +50,7 @@ def shown(reader: Reader, model: ExtendedModel, noise: Noise) -> FloatArray:
 
 def test_each_effect_acts_in_a_replicate_as_in_a_prediction(reader: Reader, noise: Noise) -> None:
     """Every effect, large ones too, changes a replicate by what it changes the prediction."""
-    effects: list[Effect] = [*(probe.made() for probe in probes()), *LARGE]
+    effects: list[Effect] = [*(probe.probing_effect() for probe in probes()), *LARGE]
     before, predicted = shown(reader, ExtendedModel(), noise), reader.predict(ExtendedModel())
     assert np.nan_to_num(before - predicted) == pytest.approx(np.zeros(before.shape), abs=1e-6)
     for effect in effects:

@@ -27,8 +27,8 @@ from tpmsd.car.physics.effect import (
 from tpmsd.foundation.errors import ConfigError
 
 
-def _found() -> dict[str, type[Effect]]:
-    """Every effect that a module of `tpmsd.car.physics.effects` defines, by name, in alphabetical order."""
+def _built_in_effects() -> dict[str, type[Effect]]:
+    """Return every effect that a module of `tpmsd.car.physics.effects` defines, by name, alphabetically."""
     out: dict[str, type[Effect]] = {}
     for module in sorted(one.name for one in pkgutil.iter_modules(effects.__path__)):
         full = f"{effects.__name__}.{module}"
@@ -38,17 +38,17 @@ def _found() -> dict[str, type[Effect]]:
     return out
 
 
-EFFECTS: dict[str, type[Effect]] = _found()
+EFFECTS: dict[str, type[Effect]] = _built_in_effects()
 
 
-def register_outside() -> None:
-    """Take in the effects of folders and entry points that are not yet here; ConfigError on a broken one."""
-    for effect in own_effects.found_outside(EFFECTS):
+def register_external_effects() -> None:
+    """Add the effects of folders and entry points to the catalogue; ConfigError on a broken one."""
+    for effect in own_effects.external_effects(EFFECTS):
         EFFECTS[effect.name] = effect
 
 
 def sentence_of(name: str) -> str:
-    """Return what an effect is, as a clause; its own name if there is no such effect."""
+    """Return the clause that describes an effect; its name if there is no such effect."""
     effect = EFFECTS.get(name)
     if effect is None:
         return name
@@ -78,7 +78,7 @@ class FittedParameter:
         grid = () if self.at is None else (f"{self.at:g}",)
         return (self.effect, self.parameter, *((self.wheel_pattern,) if self.wheel_pattern else ()), *grid)
 
-    def made(self) -> Effect:
+    def probing_effect(self) -> Effect:
         """Return the effect with this parameter at its probing value, others neutral or typical."""
         cls = EFFECTS[self.effect]
         values: dict[str, object] = {self.parameter: self.value} if self.parameter else {}
@@ -86,7 +86,7 @@ class FittedParameter:
             if isinstance(p, WheelParameter | TextParameter):
                 if self.wheel_pattern:
                     values[p.name] = self.wheel_pattern
-            elif isinstance(p, Parameter) and p.name != self.parameter and p.name in _required(cls):
+            elif isinstance(p, Parameter) and p.name != self.parameter and p.name in _required_fields(cls):
                 values[p.name] = p.neutral if p.probe > 0.0 else p.typical
         if cls.nonlinear.grid is not None and self.at is not None:
             values[cls.nonlinear.grid.parameter] = self.at
@@ -95,12 +95,15 @@ class FittedParameter:
         return make_effect(self.effect, **values)
 
 
-def _linear(effect: type[Effect]) -> list[Parameter]:
+def _linear_parameters(effect: type[Effect]) -> list[Parameter]:
+    """Return the parameters that enter linearly: those with a probe."""
     return [p for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]
 
 
 def probes() -> tuple[FittedParameter, ...]:
-    """Return what a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
+    """Return the fit's candidates for effects that the windows of a drive show: one for each parameter, wheel
+    pattern and grid value. Ramps, time spans, tooth counts and other sensors are fitted elsewhere.
+    """
     out = []
     for name, effect in EFFECTS.items():
         if (
@@ -116,7 +119,7 @@ def probes() -> tuple[FittedParameter, ...]:
         for wheel_pattern in effect.identification.wheel_patterns or ("",):
             if not effect.parameters:
                 out.append(FittedParameter(name, "", 1.0, 0.0, wheel_pattern))
-            for p in _linear(effect):
+            for p in _linear_parameters(effect):
                 for at in (None,) if effect.nonlinear.grid is None else effect.nonlinear.grid.values:
                     out.append(
                         FittedParameter(name, p.name, p.neutral + p.probe, p.neutral, wheel_pattern, at)
@@ -125,19 +128,19 @@ def probes() -> tuple[FittedParameter, ...]:
 
 
 def sensor_probes() -> tuple[tuple[FittedParameter, tuple[str, ...]], ...]:
-    """Return what a fit may find in other sensors than wheels, gyro and fixes, and the readings where it
-    shows.
+    """Return the fit's candidates in sensors other than wheels, gyro and fixes, each with the readings that
+    show it.
     """
     return tuple(
         (FittedParameter(name, p.name, p.neutral + p.probe, p.neutral), effect.identification.reads)
         for name, effect in EFFECTS.items()
         if effect.identification.reads
-        for p in _linear(effect)
+        for p in _linear_parameters(effect)
     )
 
 
-def groups() -> tuple[tuple[FittedParameter, ...], ...]:
-    """Sets of probes that make sense together: each that needs no other, and all of an effect."""
+def probe_groups() -> tuple[tuple[FittedParameter, ...], ...]:
+    """Return the sets of `probes` to fit jointly: each that needs no other, and all of an effect."""
     by_effect: dict[tuple[str, str, float | None], list[FittedParameter]] = {}
     for probe in probes():
         by_effect.setdefault((probe.effect, probe.wheel_pattern, probe.at), []).append(probe)
@@ -145,34 +148,36 @@ def groups() -> tuple[tuple[FittedParameter, ...], ...]:
     for (name, _, _), free in by_effect.items():
         if EFFECTS[name].identification.always_fitted:
             continue
-        required = _required(EFFECTS[name]) & {probe.parameter for probe in free}
+        required = _required_fields(EFFECTS[name]) & {probe.parameter for probe in free}
         out += [(probe,) for probe in free if required <= {probe.parameter}]
         if len(free) > 1:
             out.append(tuple(free))
     return tuple(out)
 
 
-def _required(effect: type[Effect]) -> set[str]:
+def _required_fields(effect: type[Effect]) -> set[str]:
+    """Return the names of the fields that have no default."""
     return {one.name for one in fields(effect) if one.default is MISSING and one.default_factory is MISSING}
 
 
-def _the(what: str, rule: Callable[[type[Effect]], bool]) -> type[Effect]:
+def _only_effect(what: str, rule: Callable[[type[Effect]], bool]) -> type[Effect]:
+    """Return the one effect that meets the rule; RuntimeError if there are none or several."""
     found = [effect for effect in EFFECTS.values() if rule(effect)]
     if len(found) != 1:
         raise RuntimeError(f"{len(found)} effects in the catalogue are {what}, one is wanted")
     return found[0]
 
 
-NONPARAMETRIC = _the("free", lambda effect: effect.kind is Kind.NONPARAMETRIC)
+NONPARAMETRIC = _only_effect("free", lambda effect: effect.kind is Kind.NONPARAMETRIC)
 """The description without a formula."""
-FAULT = _the("a ramp of a radius", lambda effect: effect.nonlinear.ramp)
+FAULT = _only_effect("a ramp of a radius", lambda effect: effect.nonlinear.ramp)
 """The tyre that changes."""
-TEETH = _the("of a ring's teeth", lambda effect: effect.identification.by_teeth)
-LOST = _the("of counts lost at walking pace", lambda effect: effect.identification.at_walking_pace)
-MISSED = _the("of counts found by the ripple", lambda effect: effect.identification.by_ripple)
-ADDED = _the("of counts that are added", lambda effect: effect.confounding.mirror_of == MISSED.name)
-SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
-RADIUS = _the(
+TEETH = _only_effect("of a ring's teeth", lambda effect: effect.identification.by_teeth)
+LOST = _only_effect("of counts lost at walking pace", lambda effect: effect.identification.at_walking_pace)
+MISSED = _only_effect("of counts found by the ripple", lambda effect: effect.identification.by_ripple)
+ADDED = _only_effect("of counts that are added", lambda effect: effect.confounding.mirror_of == MISSED.name)
+SLOPES = _only_effect("the shortening by slopes", lambda effect: effect.shortens)
+RADIUS = _only_effect(
     "a constant of each wheel",
     lambda effect: effect.identification.always_fitted and bool(effect.identification.wheel_patterns),
 )
@@ -183,7 +188,7 @@ EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.nonlinear.span
 
 
 def prior_rms(effect: type[Effect], parameter: str) -> float:
-    """Root mean square of a parameter by its prior; ValueError where it has none."""
+    """Return the rms difference of a parameter from neutral by its prior; ValueError if it has none."""
     known = parameters_of(effect.name)[parameter]
     if not isinstance(known, Parameter) or known.prior is None:
         raise ValueError(f"{effect.name}.{parameter} has no prior")
@@ -198,7 +203,7 @@ def parameters_of(name: str) -> dict[str, AnyParameter]:
 
 
 def make_effect(name: str, **params: object) -> Effect:
-    """Build an effect; numbers may come as text. One-line ConfigError on what is unknown or out of bounds."""
+    """Build an effect; numbers may come as text. ConfigError on unknown names and values out of bounds."""
     known = parameters_of(name)
     for key in params:
         if key not in known:
@@ -228,8 +233,9 @@ def parse_effect(text: str) -> Effect:
 
 
 def _did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return a suggestion of the nearest known word, empty if none is near."""
     close = difflib.get_close_matches(word, list(known), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
 
 
-register_outside()
+register_external_effects()

@@ -13,11 +13,11 @@ import pkgutil
 
 from tpmsd.car.physics import dynamics_effects
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.car.physics.own_dynamics import dynamics_effects_outside
+from tpmsd.car.physics.own_dynamics import external_dynamics_effects
 from tpmsd.foundation.errors import ConfigError
 
 
-def _found() -> dict[str, type[DynamicsEffect]]:
+def _built_in_effects() -> dict[str, type[DynamicsEffect]]:
     """Return every effect that a module of `tpmsd.car.physics.dynamics_effects` defines, in the alphabet's
     order."""
     out: dict[str, type[DynamicsEffect]] = {}
@@ -30,16 +30,16 @@ def _found() -> dict[str, type[DynamicsEffect]]:
     return dict(sorted(out.items()))
 
 
-DYNAMICS_EFFECTS: dict[str, type[DynamicsEffect]] = _found()
+DYNAMICS_EFFECTS: dict[str, type[DynamicsEffect]] = _built_in_effects()
 
 
-def register_outside() -> None:
-    """Take in the effects of folders and entry points; ConfigError with one line on a broken one."""
-    for effect in dynamics_effects_outside(DYNAMICS_EFFECTS):
+def register_external_effects() -> None:
+    """Add the effects of folders and entry points to the catalogue; ConfigError on a broken one."""
+    for effect in external_dynamics_effects(DYNAMICS_EFFECTS):
         DYNAMICS_EFFECTS[effect.name] = effect
 
 
-register_outside()
+register_external_effects()
 
 
 def make_dynamics_effect(name: str, **values: object) -> DynamicsEffect:

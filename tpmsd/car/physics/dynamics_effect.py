@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.baselines.inputs import Inputs
-from tpmsd.car.physics.effect_records import Wording, fold_flat
+from tpmsd.car.physics.effect_records import Wording, fold_attributes_into_records
 from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FloatArray
@@ -98,7 +98,7 @@ class DynamicsEffect:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        fold_flat(cls)
+        fold_attributes_into_records(cls)
         cls.acts_early, cls.acts_on_angles, cls.moves_car = (
             any(getattr(cls, hook) is not getattr(DynamicsEffect, hook) for hook in hooks)
             for hooks in (EARLY_HOOKS, ANGLE_HOOKS, MOVING_HOOKS)
@@ -181,8 +181,8 @@ class DynamicsEffect:
         """Change what the instruments read."""
 
 
-def in_order(theta: Sequence[DynamicsEffect]) -> list[DynamicsEffect]:
-    """Return effects in the order in which they act, whichever was put into the model first.
+def sorted_by_order(theta: Sequence[DynamicsEffect]) -> list[DynamicsEffect]:
+    """Return effects sorted by `order`, then name: the order in which they act.
 
     A derivative by one parameter compares two models: were its effect the last to act in one of them alone,
     the difference would hold what the order does, over the size of the probe.
@@ -191,11 +191,11 @@ def in_order(theta: Sequence[DynamicsEffect]) -> list[DynamicsEffect]:
 
 
 def same_motion(theta: Sequence[DynamicsEffect], other: Sequence[DynamicsEffect]) -> bool:
-    """Return True if two models may differ in their readings alone."""
-    one, two = ([effect for effect in in_order(each) if effect.moves_car] for each in (theta, other))
+    """Return True if two models move the car alike: they share the effects that move it."""
+    one, two = ([effect for effect in sorted_by_order(each) if effect.moves_car] for each in (theta, other))
     return len(one) == len(two) and all(map(is_, one, two))
 
 
-def before_forces(theta: Sequence[DynamicsEffect]) -> tuple[DynamicsEffect, ...]:
+def effects_before_forces(theta: Sequence[DynamicsEffect]) -> tuple[DynamicsEffect, ...]:
     """Return the effects that act before the tyres' forces are known, in their order."""
     return tuple(effect for effect in theta if effect.acts_early)

@@ -15,7 +15,7 @@ from tpmsd.car.physics.effect_tables import (
     comment_lines,
     effect_tables,
     is_std,
-    shown,
+    quoted_word,
     std_lines,
     take_name,
     value_lines,
@@ -48,19 +48,19 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[DynamicsEffect, dict
     name = take_name(table, number)
     std, drive = table.pop("std", {}), table.pop("drive", "")
     if not isinstance(std, dict) or not all(is_std(value) for value in std.values()):
-        raise ConfigError(f"effect {shown(name)}: std must be a table of numbers of at least 0")
+        raise ConfigError(f"effect {quoted_word(name)}: std must be a table of numbers of at least 0")
     if not isinstance(drive, str):
-        raise ConfigError(f"effect {shown(name)}: drive = {shown(str(drive))} is no text")
+        raise ConfigError(f"effect {quoted_word(name)}: drive = {quoted_word(str(drive))} is no text")
     effect = make_dynamics_effect(name, **table)
     _check_limits(effect)
     for key in std:
         if key not in effect.values():
-            raise ConfigError(f"effect {name}: std of {shown(key)}, which it does not have")
+            raise ConfigError(f"effect {name}: std of {quoted_word(key)}, which it does not have")
     return effect, {key: float(value) for key, value in std.items()}, drive
 
 
 def _check_limits(effect: DynamicsEffect) -> None:
-    """ConfigError for a value below the least: effects take such a one as a probe, a file has none."""
+    """Raise ConfigError for a value out of limits, which effects accept as a probe, files do not."""
     try:
         for parameter in effect.parameters:
             parameter.check(getattr(effect, parameter.name))
@@ -80,8 +80,8 @@ def format_dynamics_model(model: DynamicsModel, comment: str = "") -> str:
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def bound_to_time(effect: DynamicsEffect) -> bool:
-    """Return True if an effect belongs to the time of one drive."""
+def belongs_to_one_drive(effect: DynamicsEffect) -> bool:
+    """Return True if an effect holds for one drive only: it has an onset, or knots over time."""
     return hasattr(effect, "onset_s") or (
         hasattr(effect, "knots") and getattr(effect, "over", "time") == "time"
     )

@@ -54,17 +54,22 @@ DIRECTED = Parameter(
 
 
 def leans(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-    """Return the ways to lean: where tyres feel their loads, `instant_loads` says what the body follows."""
+    """Return the values of `instant` to try: 0 and 1, only 0 for tyres that feel their loads.
+
+    There the effect `instant_loads` sets the acceleration that the body follows.
+    """
     return ({"instant": 0.0},) if nonlinear else ({"instant": 0.0}, {"instant": 1.0})
 
 
 def directions(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-    """Return the ways in which the forces of turned rear wheels may point: one where angles are small."""
+    """Return the values of `directed` to try: 1 and 0, only 1 where angles are small."""
     return ({"directed": 1.0}, {"directed": 0.0}) if nonlinear else ({"directed": 1.0},)
 
 
-def physical_share(description: str, source: str) -> Parameter:
-    """Return the coefficient of physics that every car has: 0 leaves it out, 1 is the formula, give or take
-    0.3 for what the formula takes as known; `source` says what that is."""
+def formula_coefficient(description: str, source: str) -> Parameter:
+    """Return the parameter that scales a formula every car obeys: 0 leaves it out, 1 is the formula.
+
+    Its prior is 1 +- 0.3, for the quantities that the formula takes as known; `source` names them.
+    """
     prior = Prior(1.0, 0.3, source)
     return Parameter("coefficient", "1", 1.0, -1.0, 3.0, description, probe=0.001, prior=prior)

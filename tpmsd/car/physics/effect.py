@@ -26,7 +26,7 @@ from tpmsd.car.physics.effect_records import (
     Rivals,
     SecondParameter,
     Wording,
-    fold_flat,
+    fold_attributes_into_records,
 )
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.parameters import (
@@ -132,11 +132,11 @@ class Effect:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        fold_flat(cls)
+        fold_attributes_into_records(cls)
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Return whether a car that moves so can show it at all; else it is no hypothesis on such a drive."""
+        """Return whether this motion can show the effect; else it is no hypothesis on the drive."""
         return True
 
     @classmethod
@@ -156,12 +156,12 @@ class Effect:
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """Wheels on which it shows, where these of its parameters were fitted."""
+        """Return the wheels on which it acts through these fitted parameters."""
         return WHEELS
 
     @classmethod
     def penalty(cls, value: float) -> float:
-        """Nats against a first value (difference from neutral): rare values are penalised."""
+        """Return the penalty in nats on a first value (difference from neutral): rare values cost more."""
         of_sign = IMPOSSIBLE_SIGN if cls.one_sign and value < 0.0 else 0.0
         return of_sign + (RARE if cls.confounding.rare else 0.0)
 
@@ -231,15 +231,15 @@ class Effect:
         return np.ones(len(motion))
 
     def fix_age_s(self) -> float:
-        """Age of a fix on arrival beyond the configured one."""
+        """Return the age of a fix on arrival beyond the configured one, s."""
         return 0.0
 
     def velocity_age_s(self) -> float:
-        """Return how much older a fix's speed and course are than its position."""
+        """Return how much older a fix's speed and course are than its position, s."""
         return 0.0
 
     def grade_factor(self) -> float:
-        """Slopes that the wheels feel over those that the reference shows."""
+        """Return the slopes that the wheels feel over those that the reference shows, a ratio."""
         return 1.0
 
     def wheels_time_constant_s(self) -> float:
@@ -247,11 +247,11 @@ class Effect:
         return 0.0
 
     def antenna_offset_m(self) -> tuple[float, float]:
-        """(forward, left): where the antenna is minus where the configuration says."""
+        """Return (forward, left), m: true minus configured position of the antenna."""
         return 0.0, 0.0
 
     def track_error_m(self) -> tuple[float, float]:
-        """(front, rear): true track minus configured one."""
+        """Return (front, rear), m: true minus configured track."""
         return 0.0, 0.0
 
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
@@ -267,7 +267,7 @@ class Effect:
         return np.zeros((len(motion), 2))
 
     def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) what the steering wheel's sensor reads more than ratio * atan(wheelbase * curvature)."""
+        """Return (n,) the steering sensor's reading less ratio * atan(wheelbase * curvature), rad."""
         return np.zeros(len(motion))
 
     def clock_error_s(self, time_s: FloatArray) -> FloatArray:

@@ -1,7 +1,8 @@
 """Records of an effect next to its equation: its words, how it shows, its confounders, what is nonlinear.
 
 In: nothing. Out: `Wording`, `Identification`, `Confounding` and `Nonlinear`, of which each effect's class
-holds one, and `fold_flat`, by which a class may give the fields one by one, or by their former names.
+holds one, and `fold_attributes_into_records`, by which a class may give the fields one by one, or by their
+former names.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from typing import Any, TypeVar
 Record = TypeVar("Record")
 
 
-def _reads_former(**names: str) -> Callable[[type[Record]], type[Record]]:
-    """Let a record be made with former names of its fields: effects of users are written with them."""
+def _accepts_former_names(**names: str) -> Callable[[type[Record]], type[Record]]:
+    """Return a decorator by which a record's constructor accepts former names of its fields."""
 
     def accepting_former_names(cls: type[Record]) -> type[Record]:
         """Return the class, whose constructor takes the former names too."""
@@ -43,7 +44,7 @@ class NoiseResemblance(Enum):
     """It changes the receiver's speed slowly, as a heading does along a road."""
 
 
-@_reads_former(price="penalty")
+@_accepts_former_names(price="penalty")
 @dataclass(frozen=True, slots=True)
 class SecondParameter:
     """A second parameter that enters nonlinearly: typical on the grid, and fitted once the first one is."""
@@ -57,7 +58,7 @@ class SecondParameter:
     """Factor by which it is first moved."""
 
 
-@_reads_former(price="penalty")
+@_accepts_former_names(price="penalty")
 @dataclass(frozen=True, slots=True)
 class Grid:
     """Values of a parameter that enters nonlinearly, at which the effect is first looked for."""
@@ -122,7 +123,7 @@ class Identification:
     """True for a nuisance: part of the baseline model, not a hypothesis."""
 
 
-@_reads_former(beside="tested_jointly_with", beside_value="estimated_jointly_with")
+@_accepts_former_names(beside="tested_jointly_with", beside_value="estimated_jointly_with")
 @dataclass(frozen=True, slots=True)
 class Confounding:
     """Explanations that an effect may be confounded with, and how readily it is expected."""
@@ -200,10 +201,8 @@ Beside = SecondParameter
 """Former name of `SecondParameter`."""
 
 
-def fold_flat(cls: type) -> None:
-    """Put the fields that a class gives as attributes of its own, by their names or former ones, into the
-    records that it has or inherits.
-    """
+def fold_attributes_into_records(cls: type) -> None:
+    """Move fields that a class gives as its own attributes, by present or former names, into its records."""
     for former, name in FORMER_ATTRIBUTES.items():
         if former in vars(cls) and name not in vars(cls) and hasattr(cls, name):
             setattr(cls, name, vars(cls)[former])

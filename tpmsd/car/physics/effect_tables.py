@@ -15,7 +15,7 @@ from tpmsd.foundation.toml_text import check_integers, parse_toml
 MAX_EFFECTS = 200
 """A model of all effects there are, for each wheel where they have one, has fewer."""
 LONGEST_WORD = 60
-"""Characters of a name, and of what is shown of a longer one."""
+"""Characters of a name, and of what is quoted_word of a longer one."""
 
 Number = float | Sequence[float]
 
@@ -29,7 +29,7 @@ def effect_tables(text: str) -> list[dict[str, Any]]:
         raise ConfigError(f"not TOML: {error}") from None
     for key in document:
         if key != "effect":
-            raise ConfigError(f"unknown key {shown(key)}: a model file holds [[effect]] tables only")
+            raise ConfigError(f"unknown key {quoted_word(key)}: a model file holds [[effect]] tables only")
     tables = document.get("effect", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError("'effect' must be written as [[effect]] tables")
@@ -46,7 +46,7 @@ def take_name(table: dict[str, Any], number: int) -> str:
         raise ConfigError(f"effect {number} has no name")
     for word in (name, *table):
         if len(word) > LONGEST_WORD:
-            raise ConfigError(f"effect {number}: {shown(word)} is no name of an effect or a parameter")
+            raise ConfigError(f"effect {number}: {quoted_word(word)} is no name of an effect or a parameter")
     return name
 
 
@@ -55,7 +55,7 @@ def is_std(value: object) -> bool:
     return not isinstance(value, bool) and isinstance(value, (int, float)) and 0 <= value < math.inf
 
 
-def shown(word: str) -> str:
+def quoted_word(word: str) -> str:
     """Return a word in quotes, cut where it is too long for a line."""
     return repr(word if len(word) <= LONGEST_WORD else word[: LONGEST_WORD - 3] + "...")
 
@@ -69,17 +69,18 @@ def comment_lines(comment: str) -> list[str]:
 def value_lines(values: Mapping[str, Number | str], unit_of: Callable[[str], str]) -> list[str]:
     """Return an effect's values as lines of TOML, each with its unit."""
     return [
-        f"{key} = {_toml(value)}" + (f"  # {unit}" if (unit := unit_of(key)) else "")
+        f"{key} = {_toml_value(value)}" + (f"  # {unit}" if (unit := unit_of(key)) else "")
         for key, value in values.items()
     ]
 
 
 def std_lines(std: Mapping[str, Number]) -> list[str]:
     """Return the table of an effect's standard deviations, empty where none is known."""
-    return ["[effect.std]", *(f"{key} = {_toml(value)}" for key, value in std.items())] if std else []
+    return ["[effect.std]", *(f"{key} = {_toml_value(value)}" for key, value in std.items())] if std else []
 
 
-def _toml(value: Number | str) -> str:
+def _toml_value(value: Number | str) -> str:
+    """Return a number, a sequence of numbers or a text as TOML."""
     if isinstance(value, str):
         return f'"{value}"'
     if isinstance(value, Sequence):

@@ -35,23 +35,24 @@ _HOOKS = {
 """Hooks of an effect that the readings of each group depend on, as the functions below do."""
 
 
-def acts_on(effect: Effect) -> frozenset[str]:
-    """Return the groups of channels on which an effect may act: those of the hooks that it overrides."""
+def affected_channels(effect: Effect) -> frozenset[str]:
+    """Return the groups of channels that an effect may change, by the hooks that it overrides."""
     return frozenset(group for group, hooks in _HOOKS.items() if _overrides(effect, hooks))
 
 
-def acts_by_tyres(effect: Effect) -> bool:
-    """Return whether an effect acts on the wheels by changes of radius and slip alone."""
+def acts_by_radius_or_slip(effect: Effect) -> bool:
+    """Return True if an effect acts on the wheels by changes of radius and slip alone."""
     others = tuple(hook for hook in _HOOKS[WHEELS_READ] if hook not in _OF_TYRES)
     return _overrides(effect, _OF_TYRES) and not _overrides(effect, others)
 
 
-def acts_by_teeth(effect: Effect) -> bool:
-    """Return whether an effect changes what counters show of the wheels' angles."""
+def acts_on_tooth_angles(effect: Effect) -> bool:
+    """Return True if an effect changes the angles or counts that counters show."""
     return _overrides(effect, _OF_TEETH)
 
 
 def _overrides(effect: Effect, hooks: Iterable[str]) -> bool:
+    """Return True if the effect overrides any of these hooks."""
     return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in hooks)
 
 
@@ -68,14 +69,14 @@ class Rolling:
     """(rad/s)"""
 
     @classmethod
-    def of(cls, motion: Motion, car: Car, model: ExtendedModel) -> Rolling:
-        """At a model, for a motion on slopes as the wheels feel them."""
+    def evaluate(cls, motion: Motion, car: Car, model: ExtendedModel) -> Rolling:
+        """Return the pieces of a model's wheel rates, for a motion on slopes as the wheels feel them."""
         speeds, radii = _hub_speeds(motion, car, model), wheel_radii(motion, car, model)
         stretched = 1.0 + model.wheel_slip(motion, car)
         return cls(speeds, stretched, radii, speeds * stretched / radii)
 
-    def with_effect(self, effect: Effect, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) rates (rad/s) with one more effect, which acts by the tyres alone."""
+    def rates_with_effect(self, effect: Effect, motion: Motion, car: Car) -> FloatArray:
+        """Return the (n, 4) rates (rad/s) with one more effect, which acts by radius and slip alone."""
         longer = self.stretched
         if _overrides(effect, ("wheel_slip",)):
             longer = longer + effect.wheel_slip(motion, car)
@@ -115,25 +116,25 @@ def wheel_angles(
     return integrate(wheel_rates(motion, car, model, radii_m), motion.time_s)
 
 
-def counted_revolutions(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
-    """Counts, not yet rounded down, that the wheel's ring shows at these true angles; same shape."""
+def shown_counts(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
+    """Return the unrounded counts that the wheel's ring shows at these true angles; same shape."""
     shown = angle_rad + model.tooth_angle_error_rad(angle_rad, wheel)
     return shown * (model.true_teeth_per_rev(wheel, car.teeth_per_rev) / (2 * np.pi))
 
 
 def gyro_rates(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
-    """(n,) what a perfect gyro with these effects reads."""
+    """Return the (n,) readings, rad/s, of a gyro that has these effects and no noise."""
     return model.read_yaw_rate(motion.yaw_rate_radps) + model.yaw_rate_error_radps(motion, car)
 
 
 def accelerations(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
-    """(n, 2) what perfect accelerometers (forward, to the left) with these effects read."""
+    """Return the (n, 2) readings, m/s2, of accelerometers (forward, left) with these effects, no noise."""
     acting = np.stack([motion.specific_force_long_mps2, motion.accel_lat_mps2], axis=1)
     return np.asarray(acting + model.accel_error_mps2(motion, car))
 
 
 def steering_wheel_angles(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
-    """(n,) what a perfect sensor of the steering wheel with these effects reads, in rad."""
+    """Return the (n,) steering wheel angles, rad, of a sensor that has these effects and no noise."""
     return np.asarray(car.steering_ratio * motion.steering_rad + model.steering_error_rad(motion, car))
 
 
@@ -153,7 +154,7 @@ class AntennaTruth:
 
 
 def antenna_truth(motion: Motion, car: Car, model: ExtendedModel) -> AntennaTruth:
-    """Horizontal position and velocity of the antenna in the plane.
+    """Return horizontal position and velocity of the antenna, and the velocity as the receiver reports it.
 
     The rear axle's middle moves along heading + beta at v / cos(beta), shortened to the horizontal; the
     antenna adds its lever arm (configured plus error) turned by the heading.

@@ -38,7 +38,7 @@ class GradeTracker:
 
     @property
     def horizontal(self) -> float:
-        """Distance over the map per distance along the road."""
+        """Horizontal distance per distance along the road."""
         return math.sqrt(1.0 - self.sine**2)
 
     def move(self, distance_m: float) -> None:
@@ -53,11 +53,11 @@ class GradeTracker:
         if points and self._distance_m - points[-1][0] < 2.0:
             return  # a standing car's heights would only weigh down one end
         points.append((self._distance_m, up_m))
-        self._count(self._distance_m, up_m, 1.0)
+        self._add_point(self._distance_m, up_m, 1.0)
         while self._distance_m - points[0][0] > WINDOW_M:
-            self._count(*points.popleft(), -1.0)
+            self._add_point(*points.popleft(), -1.0)
         if len(points) == 1 or self._distance_m - self._origin[0] > REBASE_M:
-            self._rebase()
+            self._recompute_sums()
         if len(points) < MIN_FIXES or points[-1][0] - points[0][0] < MIN_SPAN_M:
             return
         count = len(points)
@@ -65,14 +65,14 @@ class GradeTracker:
         slope = (product - along * up / count) / (square - along * along / count)
         self.sine = min(max(slope, -MAX_GRADE), MAX_GRADE)
 
-    def _count(self, distance_m: float, up_m: float, sign: float) -> None:
-        """Add a point to the sums, or take it out."""
+    def _add_point(self, distance_m: float, up_m: float, sign: float) -> None:
+        """Add a point to the sums (sign 1) or remove it (sign -1)."""
         along, up, square, product = self._sums
         x, y = distance_m - self._origin[0], up_m - self._origin[1]
         self._sums = (along + sign * x, up + sign * y, square + sign * x * x, product + sign * x * y)
 
-    def _rebase(self) -> None:
-        """Form the sums again, about the newest point."""
+    def _recompute_sums(self) -> None:
+        """Recompute the sums about the newest point, against rounding."""
         self._origin, self._sums = self._points[-1], (0.0, 0.0, 0.0, 0.0)
         for point in self._points:
-            self._count(*point, 1.0)
+            self._add_point(*point, 1.0)

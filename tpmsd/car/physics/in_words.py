@@ -62,7 +62,7 @@ class FoundValue:
 
 
 def rounded(value: float, std: float | None, with_std: bool = True) -> str:
-    """Return a value to the first digit of its standard deviation; to two of it where that begins with 1."""
+    """Return a value to the first digit of its standard deviation, to two digits where that begins with 1."""
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{value:.3g}"
     power_of_std = math.floor(math.log10(std))
@@ -79,7 +79,7 @@ def rounded(value: float, std: float | None, with_std: bool = True) -> str:
 
 
 def clause(name: str, values: Mapping[str, FoundValue | str]) -> str:
-    """Return what was found of an effect, as a clause: of its answers those whose parameters were found.
+    """Return a clause on a found effect: those of its answers whose parameters are all in `values`.
 
     One that has none for these says its sentence and its numbers.
     """
@@ -93,13 +93,13 @@ def clause(name: str, values: Mapping[str, FoundValue | str]) -> str:
     if parts:
         return " and ".join(parts)
     shown = ", ".join(
-        f"{key.replace('_', ' ') if isinstance(one, str) else plain(key)} {one}"
+        f"{key.replace('_', ' ') if isinstance(one, str) else words_without_unit(key)} {one}"
         for key, one in values.items()
     )
     return f"{sentence_of(name)} ({shown})" if shown else sentence_of(name)
 
 
-def plain(parameter: str) -> str:
+def words_without_unit(parameter: str) -> str:
     """Return a parameter's name without the unit behind it."""
     words = parameter.split("_")
     return " ".join(words[:-1] if len(words) > 1 and words[-1] in ("s", "m", "rad", "mps", "mps2") else words)
@@ -112,6 +112,6 @@ def found_value(name: str, parameter: str, value: float, std: float | None, unit
 
 
 def noun(name: str) -> str:
-    """Return what an effect is called in the middle of a sentence; its name in words where it has no noun."""
+    """Return an effect's noun for use in a sentence; its name in words where it has none."""
     effect = EFFECTS.get(name)
     return (effect.wording.noun if effect is not None else "") or name.replace("_", " ")

@@ -37,7 +37,7 @@ class ExtendedModel:
         return len(self.effects)
 
     def plus(self, *effects: Effect) -> ExtendedModel:
-        """This model with more effects."""
+        """Return this model with more effects."""
         return ExtendedModel(self.effects + effects, self.stds + tuple({} for _ in effects))
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
@@ -73,7 +73,7 @@ class ExtendedModel:
         return sum(effect.fix_age_s() for effect in self.effects)
 
     def velocity_age_s(self) -> float:
-        """Sum of what speed and course are older than the position."""
+        """Return the sum of the ages of speed and course beyond the position's, s."""
         return sum(effect.velocity_age_s() for effect in self.effects)
 
     def grade_factor(self) -> float:
@@ -81,7 +81,7 @@ class ExtendedModel:
         return float(np.prod([effect.grade_factor() for effect in self.effects]))
 
     def wheels_time_constant_s(self) -> float:
-        """Sum of the low-passes' time constants, which slow changes are late by."""
+        """Return the sum of the low-passes' time constants, s: the delay of slow changes."""
         return sum(effect.wheels_time_constant_s() for effect in self.effects)
 
     def antenna_offset_m(self) -> tuple[float, float]:
@@ -102,7 +102,7 @@ class ExtendedModel:
         return out
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) sum of what the gyro reads more by the motion."""
+        """Return the (n,) sum of the gyro's errors that depend on the motion, rad/s."""
         out = np.zeros(len(motion))
         for effect in self.effects:
             out += effect.yaw_rate_error_radps(motion, car)
@@ -116,7 +116,7 @@ class ExtendedModel:
         return out
 
     def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) sum of what the steering wheel's sensor reads more."""
+        """Return the (n,) sum of the errors of the steering wheel's sensor, rad."""
         out = np.zeros(len(motion))
         for effect in self.effects:
             out += effect.steering_error_rad(motion, car)

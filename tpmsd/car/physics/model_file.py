@@ -20,7 +20,7 @@ from tpmsd.car.physics.effect_tables import (
     comment_lines,
     effect_tables,
     is_std,
-    shown,
+    quoted_word,
     std_lines,
     take_name,
     value_lines,
@@ -59,7 +59,7 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, St
     known = effect.values()
     for key in std:
         if key not in known:
-            raise ConfigError(f"effect {name}: std of {shown(key)}, which it does not have")
+            raise ConfigError(f"effect {name}: std of {quoted_word(key)}, which it does not have")
         if isinstance(known[key], str):
             raise ConfigError(f"effect {name}: std of {key!r}, which is no number")
     return effect, {

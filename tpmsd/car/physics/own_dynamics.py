@@ -24,8 +24,8 @@ from tpmsd.car.physics.own_effects import (
     NAME,
     check_parameters,
     dynamics_classes_of,
+    effect_folders,
     files_of,
-    folders,
     loaded_entry_point,
     module_of_file,
     reason_of,
@@ -45,7 +45,7 @@ _CAR = DynamicCar(
 )
 
 
-def dynamics_effects_outside(known: Mapping[str, type[DynamicsEffect]]) -> Iterator[type[DynamicsEffect]]:
+def external_dynamics_effects(known: Mapping[str, type[DynamicsEffect]]) -> Iterator[type[DynamicsEffect]]:
     """Yield the effects of folders and entry points that are not yet `known`; ConfigError on a broken one."""
     taken = dict(known)
     for effect, where in _users_effects():
@@ -59,19 +59,20 @@ def dynamics_effects_outside(known: Mapping[str, type[DynamicsEffect]]) -> Itera
 
 
 def _users_effects() -> Iterator[tuple[type[DynamicsEffect], str]]:
-    for folder in folders():
+    """Yield each effect of folders and entry points, with the place that defines it."""
+    for folder in effect_folders():
         for path in files_of(folder):
             for effect in dynamics_classes_of(module_of_file(path)):
-                yield checked(effect, str(path)), str(path)
+                yield checked_effect(effect, str(path)), str(path)
     for point in entry_points(group=GROUP):
         loaded, where = loaded_entry_point(point), f"entry point {point.name}"
         made: list[Any] = dynamics_classes_of(loaded) if isinstance(loaded, ModuleType) else [loaded]
         for effect in made:
             if isinstance(effect, type) and issubclass(effect, DynamicsEffect):
-                yield checked(effect, where), where
+                yield checked_effect(effect, where), where
 
 
-def checked(effect: type[DynamicsEffect], where: str) -> type[DynamicsEffect]:
+def checked_effect(effect: type[DynamicsEffect], where: str) -> type[DynamicsEffect]:
     """Return the class, if the program can use it; ConfigError with one line that says why not."""
     name = getattr(effect, "name", None)
     if not isinstance(name, str) or not NAME.fullmatch(name):

@@ -62,27 +62,27 @@ OF_MOTION: dict[str, tuple[int, ...]] = {"axle_course_rad": (SAMPLES,), "horizon
 
 
 def use_folder(folder: Path) -> None:
-    """Take the effects in a folder into the catalogue; ConfigError if it is no folder."""
+    """Add the effects in a folder to the catalogue; ConfigError if it is no folder."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no folder of effects")
-    known = folders()
+    known = effect_folders()
     if folder.resolve() not in known:
         os.environ[VARIABLE] = os.pathsep.join(str(one) for one in (*known, folder.resolve()))
     for catalogue in (CATALOGUE, DYNAMICS_CATALOGUE):
         if catalogue in sys.modules:
-            sys.modules[catalogue].register_outside()
+            sys.modules[catalogue].register_external_effects()
 
 
-def folders() -> tuple[Path, ...]:
+def effect_folders() -> tuple[Path, ...]:
     """Return the folders that were named so far."""
     words = os.environ.get(VARIABLE, "").split(os.pathsep)
     return tuple(dict.fromkeys(Path(word).resolve() for word in words if word))
 
 
-def found_outside(known: Mapping[str, type[Effect]]) -> Iterator[type[Effect]]:
-    """Effects of folders and entry points that are not yet `known`; ConfigError on a broken one."""
+def external_effects(known: Mapping[str, type[Effect]]) -> Iterator[type[Effect]]:
+    """Yield the effects of folders and entry points that are not yet `known`; ConfigError on a broken one."""
     taken = dict(known)
-    for folder in folders():
+    for folder in effect_folders():
         for path in files_of(folder):
             for effect in effects_of_file(path):
                 if _is_new(effect, taken, str(path)):
@@ -121,7 +121,7 @@ def effects_of_file(path: Path) -> list[type[Effect]]:
     made = _effects_of(module)
     if not made and not dynamics_classes_of(module):
         raise ConfigError(f"{path}: defines no effect (a frozen dataclass that is an Effect)")
-    return [checked(effect, str(path)) for effect in made]
+    return [checked_effect(effect, str(path)) for effect in made]
 
 
 def dynamics_classes_of(module: ModuleType) -> list[type]:
@@ -172,7 +172,7 @@ def effects_of_entry_point(point: EntryPoint) -> list[type[Effect]]:
         return []
     if not made or not all(isinstance(one, type) and issubclass(one, Effect) for one in made):
         raise ConfigError(f"{where}: no effect and no module of effects")
-    return [checked(effect, where) for effect in made]
+    return [checked_effect(effect, where) for effect in made]
 
 
 def loaded_entry_point(point: EntryPoint) -> Any:
@@ -183,7 +183,7 @@ def loaded_entry_point(point: EntryPoint) -> Any:
         raise ConfigError(f"entry point {point.name} ({point.value}): {reason_of(error)}") from None
 
 
-def checked(effect: type[Effect], where: str) -> type[Effect]:
+def checked_effect(effect: type[Effect], where: str) -> type[Effect]:
     """Return the class, if the program can use it; ConfigError with one line that says why not."""
     name = getattr(effect, "name", None)
     if not isinstance(name, str) or not NAME.fullmatch(name):
@@ -203,7 +203,7 @@ def checked(effect: type[Effect], where: str) -> type[Effect]:
 
 
 def check_parameters(given: object, fields: set[str], where: str) -> None:
-    """ConfigError unless what a class gives as its parameters are some, with the names of its fields."""
+    """Raise ConfigError unless a class's parameters are a tuple of them, named as its fields."""
     if not isinstance(given, tuple | list) or not all(isinstance(one, PARAMETERS) for one in given):
         raise ConfigError(f"{where}: parameters are no tuple of Parameter")
     if unmatched := {one.name for one in given} ^ fields:
@@ -241,6 +241,7 @@ def _trial_value(one: object) -> object:
 
 
 def _check_shape(value: object, shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless the value is an array of this shape, all finite."""
     array = np.asarray(value, dtype=np.float64)
     if array.shape != shape:
         raise ValueError(f"has the shape {array.shape} for {shape[0]} instants, {shape} is wanted")
@@ -249,7 +250,7 @@ def _check_shape(value: object, shape: tuple[int, ...]) -> None:
 
 
 def _is_new(effect: type[Effect], taken: Mapping[str, type[Effect]], where: str) -> bool:
-    """Return whether it is to be taken in; ConfigError where another effect has its name."""
+    """Return False if the effect is in the catalogue; ConfigError where another effect has its name."""
     other = taken.get(effect.name)
     if other is None:
         return True
@@ -259,6 +260,7 @@ def _is_new(effect: type[Effect], taken: Mapping[str, type[Effect]], where: str)
 
 
 def _effects_of(module: ModuleType) -> list[type[Effect]]:
+    """Return the effects on rolling wheels that a module itself defines."""
     values: Iterable[object] = vars(module).values()
     return [
         value

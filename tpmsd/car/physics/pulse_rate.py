@@ -15,7 +15,7 @@ from tpmsd.car.physics.effect import RARE, Effect, Kind, NoiseResemblance, Param
 from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
-from tpmsd.car.rings.ring import share_of, turns_hz
+from tpmsd.car.rings.ring import fraction_of_counts, turns_hz
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 MIN_MPS = 0.5
@@ -25,8 +25,8 @@ MAX_SHARE, AT_MPS = 0.1, 20.0
 of an encoder of 40,000 counts."""
 
 
-def rate_per_s(description: str) -> tuple[WheelParameter | Parameter, ...]:
-    """Return the parameters: the wheel, and pulses per second."""
+def pulse_rate_parameters(description: str) -> tuple[WheelParameter | Parameter, ...]:
+    """Return the two parameters: the wheel, and the rate in pulses per second."""
     return (
         WheelParameter(),
         Parameter(
@@ -58,13 +58,13 @@ class PulseRate(Effect):
 
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
-        """Change by a share of the pulses that this car's rings make."""
+        """Return the bounds of the rate: a share of the pulses that this car's rings make."""
         most = MAX_SHARE * car.teeth_per_rev * turns_hz(AT_MPS, float(np.mean(car.radius_m)))
         return {"rate_per_s": (-most, most)}
 
     @classmethod
     def penalty(cls, value: float) -> float:
-        """Return a counter in order misses no pulse and makes none up."""
+        """Return nats against any rate: a counter in order neither misses nor adds pulses."""
         return RARE + super().penalty(value)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
@@ -73,5 +73,5 @@ class PulseRate(Effect):
         speed_mps = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheel]
         revolutions_hz: FloatArray = turns_hz(np.maximum(speed_mps, MIN_MPS), car.radius_m[wheel])
         out = np.zeros((len(motion), 4))
-        out[:, wheel] = self.more * share_of(self.rate_per_s, car.teeth_per_rev, revolutions_hz)
+        out[:, wheel] = self.more * fraction_of_counts(self.rate_per_s, car.teeth_per_rev, revolutions_hz)
         return out

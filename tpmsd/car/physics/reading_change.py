@@ -26,8 +26,8 @@ ANGLE_STEP_RAD = 1e-4
 """Over which the slope of a ring's error is taken."""
 
 
-def by_slopes(effect: Effect) -> bool:
-    """Return whether an effect is the slopes of the road, which every recording holds already."""
+def acts_by_road_slope(effect: Effect) -> bool:
+    """Return True if an effect acts by the slopes of the road, which every recording holds already."""
     cls = type(effect)
     return any(
         getattr(cls, hook) is not getattr(Effect, hook) for hook in ("horizontal_factor", "grade_factor")
@@ -44,7 +44,7 @@ def wheel_rotation_factors(motion: Motion, car: Car, model: ExtendedModel) -> Fl
 
 
 def shown_angle(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
-    """Angle that counts of the configured number of teeth make of a wheel's true angle; same shape."""
+    """Return the angle that counts show, at the configured teeth, for a true angle; same shape."""
     shown = angle_rad + model.tooth_angle_error_rad(angle_rad, wheel)
     teeth = model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
     return np.asarray(shown * teeth)
@@ -81,7 +81,7 @@ class AntennaChange:
         self._lag_s = model.velocity_age_s()
 
     def at(self, time_s: FloatArray) -> FixChange:
-        """Return the change at times of validity (m,), seconds since the motion's start."""
+        """Return the changes in fixes valid at times (m,), seconds since the motion's start."""
 
         def position(truth: AntennaTruth) -> tuple[FloatArray, FloatArray]:
             east = np.interp(time_s, self._time_s, truth.east_m)

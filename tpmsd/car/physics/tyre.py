@@ -53,7 +53,7 @@ def radius_change_for_pressure_loss(fraction: float, radius_m: float = REFERENCE
 
 
 def stiffness(size: str, pressure_pa: float) -> tuple[float, float]:
-    """Vertical stiffness in N/m of a tyre of this size (as `205/60R15`) and B, the air's share of it.
+    """Return the vertical stiffness, N/m, of a tyre size (as `205/60R15`) and B, the air's share of it.
 
     Rhyne 2005: c = 0.00028 p sqrt((1.03 - 0.004 a) w (w a/50 + d)) + 3.45 in kgf/mm, with p in kPa, width w
     and rim d in mm, aspect ratio a in per cent. ConfigError if the size cannot be read.
@@ -86,29 +86,32 @@ class TyreModel:
         if not -0.5 <= fraction <= 1.0:
             raise ConfigError(f"pressure loss of {100 * fraction:g} % is outside -50 to 100 %")
         if self.curve:
-            return -_along(((0.0, 0.0), *self.curve), fraction)
+            return -_interpolate_or_extrapolate(((0.0, 0.0), *self.curve), fraction)
         return -self.size_m * fraction / (1.0 - self.pneumatic_share * fraction) + 0.0
 
     def pressure_loss(self, radius_change_m: float, std_m: float = 0.0) -> tuple[float, float]:
-        """Share of the pressure that is lost, and its standard deviation; NaN where the change is unknown.
+        """Return the share of the pressure that is lost and its std; NaN where the change is unknown.
 
         Negative for a tyre that grew. The uncertainty is that of the radius through the slope of the curve,
         and that of the model. Held to [-1, 1]: a tyre cannot lose more than it has.
         """
         if not math.isfinite(radius_change_m):
             return math.nan, math.nan
-        loss, slope = self._inverse(-radius_change_m)
+        loss, slope = self._loss_and_slope(-radius_change_m)
         std = math.hypot(std_m / slope, self.model_std * loss)
         return min(max(loss, -1.0), 1.0), min(std, 1.0)
 
-    def _inverse(self, lost_m: float) -> tuple[float, float]:
-        """Share lost for a loss of radius, and metres of radius per share there."""
+    def _loss_and_slope(self, lost_m: float) -> tuple[float, float]:
+        """Return the share of pressure lost for a loss of radius, and metres of radius per share there."""
         if self.curve:
             points = ((0.0, 0.0), *self.curve)
             turned = tuple((radius, share) for share, radius in points)
-            loss = _along(turned, lost_m)
+            loss = _interpolate_or_extrapolate(turned, lost_m)
             step = 1e-3
-            return loss, (_along(points, loss + step) - _along(points, loss - step)) / (2 * step)
+            return loss, (
+                _interpolate_or_extrapolate(points, loss + step)
+                - _interpolate_or_extrapolate(points, loss - step)
+            ) / (2 * step)
         # x = y/(A + B y). A tyre that grew much would leave the form; the slope at zero goes on there.
         if lost_m < 0.0:
             return lost_m / self.size_m, self.size_m
@@ -136,8 +139,8 @@ def tyre_model(tyre: TyreConfig, radius_m: float) -> TyreModel:
     return TyreModel(RADIUS_SHARE * tyre.load_n / vertical * share, share, (), KNOWN_TYRE_STD)
 
 
-def _along(points: tuple[tuple[float, float], ...], x: float) -> float:
-    """Linear between the points, and beyond them with the slope of the nearest two."""
+def _interpolate_or_extrapolate(points: tuple[tuple[float, float], ...], x: float) -> float:
+    """Return y at x: linear between the points, and beyond them by the slope of the nearest two."""
     k = 1
     while k < len(points) - 1 and x > points[k][0]:
         k += 1

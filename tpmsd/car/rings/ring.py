@@ -45,13 +45,13 @@ def counts_per_m(counts: float, radius_m: float) -> float:
     return counts / (REVOLUTION_RAD * radius_m)
 
 
-def counts_of(per_m: float, radius_m: float) -> float:
-    """Return 2 pi r * (counts per metre): the counts per revolution that a rolling radius makes of them."""
+def counts_per_revolution(per_m: float, radius_m: float) -> float:
+    """Return 2 pi r * (counts per metre): the counts per revolution of a wheel of this rolling radius."""
     return REVOLUTION_RAD * radius_m * per_m
 
 
-def radius_of(counts: float, per_m: float) -> float:
-    """Return counts / (2 pi * counts per metre): the rolling radius that goes with a number of counts, m."""
+def radius_from_counts_m(counts: float, per_m: float) -> float:
+    """Return counts / (2 pi * counts per metre): the rolling radius, m, by the counts per revolution."""
     return counts / (REVOLUTION_RAD * per_m)
 
 
@@ -60,6 +60,6 @@ def turns_hz(speed_mps: Number, radius_m: Number) -> Number:
     return speed_mps / (REVOLUTION_RAD * radius_m)
 
 
-def share_of(rate_per_s: float, counts: float, turns_per_s: Number) -> Number:
-    """Return rate / (counts * turns per second): the share of its counts that a wheel loses or adds."""
+def fraction_of_counts(rate_per_s: float, counts: float, turns_per_s: Number) -> Number:
+    """Return rate / (counts * turns per second): the fraction of a wheel's counts that is lost or added."""
     return rate_per_s / (counts * turns_per_s)

@@ -33,7 +33,7 @@ class LostShares:
 
     @property
     def values(self) -> FloatArray:
-        """(shares,) of both signs: where one as good is negative, none is lost."""
+        """Return the (shares,) tried shares of both signs; a negative best one means that none is lost."""
         count = round(self.largest / self.step)
         return np.linspace(-self.largest, self.largest, 2 * count + 1)
 
@@ -79,15 +79,15 @@ def ripple_gain(
     """(shares,) log-likelihood gain of a ripple once per revolution over noise of this variance, if the wheel
     has turned by (1 + share) times the counted angle (n,), at whatever phase.
 
-    The noise that counts is that near one period per revolution: roads and frames make more of it there than
-    elsewhere.
+    The noise is that near one period per revolution where it exceeds the variance: roads and frames make more
+    of it there than elsewhere.
     """
     power = line_power(angle_rad, ripple_rad * np.exp(-1j * angle_rad), shares)
     return np.asarray(power / max(len(ripple_rad) * variance_rad2, float(noise_power(power)[0]), 1e-30))
 
 
-def of_one_size(gains: FloatArray, blocks: int) -> FloatArray:
-    """(...) log-likelihood gain of a ripple of one size in all blocks, at another phase in each.
+def common_amplitude_gain(gains: FloatArray, blocks: int) -> FloatArray:
+    """Return the (...) log-likelihood gain of a ripple of one amplitude in all blocks, any phase in each.
 
     `gains` (...) are the sums of `ripple_gain` over them. With a size and a phase of its own in each block,
     noise alone gains as many nats as there are blocks, and its greatest sum over many shares far more. Of one

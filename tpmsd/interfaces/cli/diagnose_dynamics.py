@@ -33,7 +33,7 @@ def run_dynamics(args: argparse.Namespace) -> int:
     """Run `tpmsd diagnose` with a baseline of vehicle dynamics; return the exit code."""
     import numpy as np
 
-    from tpmsd.car.physics.dynamics_model import DynamicsModel, bound_to_time, format_dynamics_model
+    from tpmsd.car.physics.dynamics_model import DynamicsModel, belongs_to_one_drive, format_dynamics_model
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.dynamics.certify import Replicates
     from tpmsd.offline.dynamics.diagnose import diagnose_dynamics, effects_of_simulation
@@ -65,7 +65,7 @@ def run_dynamics(args: argparse.Namespace) -> int:
             raise InputError(folder, f"no path of a car is determined by its signals ({error})") from None
     known = diagnosis.verdict != INSUFFICIENT
     model_file = str(args.model_out) if known and args.model_out is not None else None
-    keys = tuple(drive.key if bound_to_time(effect) else "" for effect in diagnosis.effects)
+    keys = tuple(drive.key if belongs_to_one_drive(effect) else "" for effect in diagnosis.effects)
     model = DynamicsModel(diagnosis.effects, diagnosis.stds, keys)
     origin = cache(lambda: provenance(SCHEMA, args.drives, args.config or folder))
     reason = None if known else diagnosis.reason

@@ -184,7 +184,7 @@ def _response_columns(
             X[:, wheel, len(PARAMETERS) + wheel * PIECES + piece] = X[:, wheel, wheel] * share
     for name, probe in _PROBES.items():
         size = (probe.value - probe.neutral) / getattr(car.geometry, f"{name}_m", 1.0)  # tracks: relative
-        X[:, :, _parameter_index(name)] += reader.change(rolling, probe.made()) / size
+        X[:, :, _parameter_index(name)] += reader.change(rolling, probe.probing_effect()) / size
     return X
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from cantools.database.can import Database
 
 from tpmsd.car.config.units import UNITS, canonical_unit
-from tpmsd.car.rings.ring import radius_of
+from tpmsd.car.rings.ring import radius_from_counts_m
 from tpmsd.offline.discovery.assign import Assignment, assign
 from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
@@ -165,7 +165,7 @@ def _counts_per_revolution(
     followers_found = [role.follower for role in assignment.roles]
     counted, counted_std = per_metre(followers_found)
     if car is not None and car.teeth_per_rev is not None:
-        radius = radius_of(car.teeth_per_rev, counted)
+        radius = radius_from_counts_m(car.teeth_per_rev, counted)
         by_size = count_prior(counted, counted_std, tyre, settings).by_size(car.teeth_per_rev, settings)
         return ToothCount(car.teeth_per_rev, 0.0, settings.max_probability, radius, by_size=by_size)
     wheels: list[tuple[Counter, float]] = []

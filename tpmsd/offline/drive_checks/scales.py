@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from tpmsd.car.config.model import Config
 from tpmsd.car.config.units import UNITS, canonical_unit
-from tpmsd.car.rings.ring import counts_of, radius_of
+from tpmsd.car.rings.ring import counts_per_revolution, radius_from_counts_m
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS
@@ -42,13 +42,13 @@ def wrong_scale(config: Config, role: str, one: Follower) -> Suspicion | None:
     if one.series.kind == "count":
         per_metre = one.per_mps * abs(one.series.field.scale)
         teeth = config.vehicle.teeth(wheel)
-        error = math.log(teeth / counts_of(per_metre, radius))
+        error = math.log(teeth / counts_per_revolution(per_metre, radius))
         probability = _probability_of_wrong_scale(error, SETTINGS.right_radius_std)
-        fitting = round(counts_of(per_metre, radius))
+        fitting = round(counts_per_revolution(per_metre, radius))
         if probability < SETTINGS.decided or fitting == teeth:
             return None
         suggest = f"{fitting} counts per revolution go with a radius of {radius:g} m; {teeth:g} would need "
-        suggest += f"{radius_of(teeth, per_metre):.3f} m"
+        suggest += f"{radius_from_counts_m(teeth, per_metre):.3f} m"
         return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", probability, suggest)
     unit = canonical_unit(one.series.field.unit) or "km/h"
     mps = _mps_per(unit, radius)

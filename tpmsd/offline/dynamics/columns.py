@@ -58,7 +58,7 @@ def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> 
     """Return the derivatives of rates (p, s, n) and readings (p, m, n) by the probes."""
     states = setup.states(theta)
     inputs = setup.inputs(theta)
-    rolled = setup.baseline.rolled(at.path[:, : len(states)], inputs, theta, states)
+    rolled = setup.baseline.evaluate_to_tyre_forces(at.path[:, : len(states)], inputs, theta, states)
     rates, outputs, earlier = setup.evaluate(at.path, inputs, theta, states, rolled)
     by_rate = np.empty((len(probes), *rates.shape))
     by_output = np.empty((len(probes), *outputs.shape))

@@ -176,7 +176,7 @@ def linear(
     count, total = len(names), path.shape[1]
     dt = np.diff(drive.time_s)
     dt = np.where(drive.linked, dt, 1e-6)
-    rolled = setup.baseline.rolled(path[:, :count], inputs, theta, names)
+    rolled = setup.baseline.evaluate_to_tyre_forces(path[:, :count], inputs, theta, names)
     rates, predicted, earlier = setup.evaluate(path, inputs, theta, names, rolled)
     ahead = stepped(setup, theta, path, inputs, dt, rates.T[:-1])
     residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
@@ -208,7 +208,7 @@ def _evaluated(
     setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, states: tuple[str, ...]
 ) -> _Evaluated:
     """Return rates and readings without ages."""
-    rolled = setup.baseline.rolled(path[:, : len(states)], inputs, theta, states)
+    rolled = setup.baseline.evaluate_to_tyre_forces(path[:, : len(states)], inputs, theta, states)
     rates, outputs, _ = setup.evaluate(path, inputs, theta, states, rolled, late=False)
     return _Evaluated(path, inputs, states, rolled, rates, outputs)
 

@@ -21,9 +21,9 @@ from tpmsd.car.physics.forward import (
     RECEIVER_READ,
     WHEELS_READ,
     Rolling,
-    acts_by_teeth,
-    acts_by_tyres,
-    acts_on,
+    acts_by_radius_or_slip,
+    acts_on_tooth_angles,
+    affected_channels,
     antenna_truth,
     gyro_rates,
     wheel_angles,
@@ -178,11 +178,11 @@ class Reader:
         Only the channels are predicted on which the effect acts.
         """
         before, model = self.predicted(base), base.plus(effect)
-        motion, acting = self.felt(model), acts_on(effect)
+        motion, acting = self.felt(model), affected_channels(effect)
         out = np.zeros((len(self._kept), CHANNELS))
         rolling = self._rolling_at(base)
-        if WHEELS_READ in acting and rolling is not None and acts_by_tyres(effect):
-            rates = rolling.with_effect(effect, motion, self.reference.car) - rolling.rates
+        if WHEELS_READ in acting and rolling is not None and acts_by_radius_or_slip(effect):
+            rates = rolling.rates_with_effect(effect, motion, self.reference.car) - rolling.rates
             out[:, :GYRO] = self.over_windows(rates) * self.reference.car.radius_m * WINDOW_S
         elif WHEELS_READ in acting:
             out[:, :GYRO] = self._distances(motion, model) - before[:, :GYRO]
@@ -195,8 +195,8 @@ class Reader:
     def _rolling_at(self, base: ExtendedModel) -> Rolling | None:
         """Return the wheels' rolling at a model; None where it holds errors of teeth."""
         if self._wheels is None or self._wheels[0] is not base:
-            teeth = any(acts_by_teeth(effect) for effect in base)
-            made = None if teeth else Rolling.of(self.felt(base), self.reference.car, base)
+            teeth = any(acts_on_tooth_angles(effect) for effect in base)
+            made = None if teeth else Rolling.evaluate(self.felt(base), self.reference.car, base)
             self._wheels = base, made
         return self._wheels[1]
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tpmsd.car.physics.catalogue import EFFECTS, FAULT, FittedParameter, make_effect, probes
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
-from tpmsd.car.physics.reading_change import by_slopes
+from tpmsd.car.physics.reading_change import acts_by_road_slope
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -171,7 +171,7 @@ def _may_be_concealed(name: str) -> bool:
         or effect.confounding.mirror_of
     ):
         return False
-    return any(not by_slopes(probe.made()) for probe in _fitted_parameters(name))
+    return any(not acts_by_road_slope(probe.probing_effect()) for probe in _fitted_parameters(name))
 
 
 def _fitted_parameters(name: str) -> list[FittedParameter]:
@@ -227,7 +227,7 @@ def _draw_effect(showing: RecordingInformation, name: str, rng: np.random.Genera
     probe, cls = usable[int(rng.integers(len(usable)))], EFFECTS[name]
     if not first:
         return (
-            probe.made()
+            probe.probing_effect()
             if LIMITS[0] * showing.smallest_detectable_size(name, first) <= prior_scale(cls, first)
             else None
         )
@@ -239,7 +239,7 @@ def _draw_effect(showing: RecordingInformation, name: str, rng: np.random.Genera
     assert isinstance(parameter, Parameter)
     value = _three_digits(parameter.neutral + sign * size)
     low, high = parameter.limits
-    return replace(probe, value=value).made() if low <= value <= high else None
+    return replace(probe, value=value).probing_effect() if low <= value <= high else None
 
 
 def _draw_size(rng: np.random.Generator, usual: float, limit: float) -> float | None:

@@ -26,7 +26,7 @@ from tpmsd.car.rings.ripple import (
     LOST_SHARES,
     MIN_STD_RAD,
     OUTLIER_STDS,
-    of_one_size,
+    common_amplitude_gain,
     ripple_gain,
     robust_std,
 )
@@ -218,4 +218,4 @@ def _ripple_gains(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
         angle = pair.angle[here, side] - pair.angle[here[0], side]
         put_back = pair.less[here, side] if come_and_go else 0.0
         out += ripple_gain(angle, pair.ripple[here] * np.exp(-1j * put_back), shares, variance)
-    return of_one_size(out, len(blocks))
+    return common_amplitude_gain(out, len(blocks))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.config.rules import TYRE_SIZE
-from tpmsd.car.rings.ring import counts_of, radius_of
+from tpmsd.car.rings.ring import counts_per_revolution, radius_from_counts_m
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.rings.count_line import Blocks, exact_powers, log_evidence, residual_blocks
 from tpmsd.offline.rings.counter import Counter
@@ -92,7 +92,7 @@ def count_prior(
     if by_size is not None:
         wrong = settings.wrong_size
         weighted = [(1.0 - wrong, by_size, settings.tyre_radius_std), (wrong, *any_tyre)]
-    turn = counts_of(per_metre, 1.0)
+    turn = counts_per_revolution(per_metre, 1.0)
     parts = tuple(
         (weight, turn * radius, turn * radius * math.hypot(share, per_metre_std / per_metre))
         for weight, radius, share in weighted
@@ -140,7 +140,7 @@ def tooth_count(
         best,
         float(np.sqrt(weight @ (numbers - best) ** 2)),
         min(float(weight[order[0]]), settings.max_probability),
-        radius_of(best, per_metre),
+        radius_from_counts_m(best, per_metre),
         tuple((float(numbers[k]), float(weight[k])) for k in order[1:4] if weight[k] > 1e-3),
         prior.by_size(best, settings),
     )
@@ -162,7 +162,7 @@ def _count_of_encoder(
 ) -> ToothCount:
     """Return the counts of an encoder with many counts: where the line is, or by the tyre's radius alone."""
     _, expected, spread = prior.parts[0]
-    unknown = ToothCount(float(round(expected)), spread, 0.0, radius_of(expected, per_metre))
+    unknown = ToothCount(float(round(expected)), spread, 0.0, radius_from_counts_m(expected, per_metre))
     if blocks.longest_counts <= 0.0:
         return unknown
     grid, step = _trial_numbers(prior, blocks.longest_counts, settings)
@@ -185,7 +185,7 @@ def _count_of_encoder(
     power = exact_powers(blocks, near)
     value = float(near[np.argmax(power.sum(axis=0))])
     std = math.hypot(_jackknife_std(power, near), near[1] - near[0])
-    radius_m = radius_of(value, per_metre)
+    radius_m = radius_from_counts_m(value, per_metre)
     by_size = prior.by_size(value, settings)
     return ToothCount(value, std, settings.max_probability, radius_m, by_size=by_size)
 

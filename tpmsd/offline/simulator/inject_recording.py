@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.car.config.model import Config
-from tpmsd.car.physics.forward import RECEIVER_READ, acts_on
+from tpmsd.car.physics.forward import RECEIVER_READ, affected_channels
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.wheels import RL, RR
@@ -97,7 +97,7 @@ def inject(onto: InjectionTarget, model: ExtendedModel, out: Path, latency_s: fl
     injection = Injection(onto.recording, onto.config, model, latency_s)
     if onto.config.gnss.source == "can":
         for effect in model:
-            if RECEIVER_READ in acts_on(effect):
+            if RECEIVER_READ in affected_channels(effect):
                 raise ConfigError(f"{effect.name} cannot be injected: this receiver is on the bus")
     drive, config = onto.drive, onto.config
     logs = [drive.can_log, *([] if drive.nmea_log is None else [drive.nmea_log])]

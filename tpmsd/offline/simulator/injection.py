@@ -15,7 +15,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.reading_change import (
     AntennaChange,
     FixChange,
-    by_slopes,
+    acts_by_road_slope,
     shown_angle,
     shown_rate_factor,
     wheel_rotation_factors,
@@ -47,7 +47,7 @@ class Injection:
         of the motion at which it was valid.
         """
         for effect in model:
-            if by_slopes(effect):
+            if acts_by_road_slope(effect):
                 raise ConfigError(f"{effect.name} cannot be injected: slopes are in every recording already")
         about = reference(recording)
         self._model = model

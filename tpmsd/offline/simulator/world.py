@@ -14,7 +14,7 @@ from tpmsd.car.physics.catalogue import SLOPES
 from tpmsd.car.physics.forward import (
     AntennaTruth,
     antenna_truth,
-    counted_revolutions,
+    shown_counts,
     wheel_angles,
     wheel_radii,
 )
@@ -58,7 +58,7 @@ class World:
         """Return the counts since the start, not yet rounded down, that the wheel's ring has shown; same
         shape.
         """
-        return counted_revolutions(self.angle_at(time_s, wheel), wheel, self.car, self.model)
+        return shown_counts(self.angle_at(time_s, wheel), wheel, self.car, self.model)
 
 
 def make_world(

@@ -22,7 +22,7 @@ from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.exponential import MAX_DECAY, exponential_step
 from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, Unlimited, frame_of, is_zero, like
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
-from tpmsd.car.physics.dynamics_effect import DynamicsEffect, before_forces, in_order
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect, effects_before_forces, sorted_by_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
@@ -59,13 +59,13 @@ class Rolled:
     effects: tuple[DynamicsEffect, ...]
     """Those that act before the tyres' forces are known."""
 
-    def serves(self, theta: Theta) -> bool:
-        """Return True if the effects act before the tyres' forces as its own do."""
-        others = before_forces(theta)
+    def has_same_early_effects(self, theta: Theta) -> bool:
+        """Return True if the same effect objects act before the tyres' forces as in this evaluation."""
+        others = effects_before_forces(theta)
         return len(others) == len(self.effects) and all(map(is_, others, self.effects))
 
-    def copied(self) -> Frame:
-        """Return a frame that effects may change."""
+    def copy_frame(self) -> Frame:
+        """Return a copy of the frame that effects may change; this evaluation stays as it is."""
         frame = copy(self.frame)
         frame.force_x, frame.force_y, frame.moment = (
             np.array(one) for one in (frame.force_x, frame.force_y, frame.moment)
@@ -93,7 +93,7 @@ class Baseline(ABC):
         return ("v", "r", *(("u",) if self.forces else ()), *dict.fromkeys(extra))
 
     def outputs(self, theta: Theta = ()) -> tuple[str, ...]:
-        """Return the names of what it predicts."""
+        """Return the names of the predicted outputs."""
         speed = ("speed", "accel_long") if self.forces else ()
         roll = ("roll",) if "roll" in self.states(theta) else ()
         return ("yaw_rate", "accel_lat", "velocity_lat", "side_slip", *speed, *roll)
@@ -111,7 +111,7 @@ class Baseline(ABC):
         Runge-Kutta of fourth order, in as many steps as the fastest rate needs, exponential where states
         follow what drives them. `start_rates` are those of the first stage where they are known.
         """
-        decays = self._decays(x, u.at(0.0), theta)
+        decays = self._decay_rates_by_column(x, u.at(0.0), theta)
         if decays:
             return self._exponential_steps(x, u, theta, dt, decays, start_rates)
         count = self.substeps(u.at(0.0), float(np.max(dt)), theta)
@@ -125,8 +125,8 @@ class Baseline(ABC):
             x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         return x
 
-    def _decays(self, x: FloatArray, u: Inputs, theta: Theta) -> dict[int, FloatArray]:
-        """Return the rate constants (...) of the states that follow what drives them, by their columns."""
+    def _decay_rates_by_column(self, x: FloatArray, u: Inputs, theta: Theta) -> dict[int, FloatArray]:
+        """Return the rate constants (...), 1/s, of the states with first-order lag, by their columns."""
         names = self.states(theta)
         speed = np.maximum(x[..., names.index("u")] if "u" in names else u.speed_mps, MIN_MPS)
         return {
@@ -144,7 +144,7 @@ class Baseline(ABC):
         decays: Mapping[int, FloatArray],
         start_rates: FloatArray | None,
     ) -> FloatArray:
-        """Return the states after `dt` seconds where some follow what drives them with these constants."""
+        """Return the states after `dt` seconds by exponential steps with these rate constants."""
         names, longest = self.states(theta), float(np.max(dt))
         others = [one for one in theta if not any(names.index(name) in decays for name in one.states)]
         fastest = max(float(np.max(constant)) for constant in decays.values())
@@ -160,13 +160,12 @@ class Baseline(ABC):
         return x
 
     def substeps(self, u: Inputs, dt: float, theta: Theta = ()) -> int:
-        """Return how many steps of the integration are stable and exact enough at all speeds; a power of
-        2."""
+        """Return the number of integration steps, a power of 2, for stability and accuracy at all speeds."""
         stiff = self._fastest_rate_per_s(u, theta)
         return int(2 ** np.ceil(np.log2(max(dt * stiff / MAX_STIFF, 1.0))))
 
     def _fastest_rate_per_s(self, u: Inputs, theta: Theta) -> float:
-        """Return the fastest rate constant of car and effects at these speeds."""
+        """Return the fastest rate constant of car and effects at these speeds, 1/s."""
         slowest = max(float(np.min(u.speed_mps)), MIN_MPS)
         stiff = (self.car.cornering_front_n + self.car.cornering_rear_n) / (self.car.mass_kg * slowest)
         fastest = float(np.max(u.speed_mps))
@@ -175,12 +174,14 @@ class Baseline(ABC):
     def rates(self, x: FloatArray, u: Inputs, theta: Theta) -> FloatArray:
         """Return the time derivatives of the states, (..., n)."""
         names = self.states(theta)
-        frame = self._moved({name: x[..., k] for k, name in enumerate(names)}, u, in_order(theta))
+        frame = self._evaluate_rates(
+            {name: x[..., k] for k, name in enumerate(names)}, u, sorted_by_order(theta)
+        )
         rates = [frame.rates[name] for name in names]
         return np.stack(np.broadcast_arrays(*rates), axis=-1)
 
     def read(self, x: FloatArray, u: Inputs, theta: Theta) -> dict[str, FloatArray]:
-        """Return what instruments read, by the output's name."""
+        """Return the instruments' readings by the output's name."""
         return self.frame(x, u, theta).outputs
 
     def frame(
@@ -203,31 +204,34 @@ class Baseline(ABC):
         """
         names = self.states(theta) if states is None else states
         state = {name: x[..., k] for k, name in enumerate(names)}
-        theta = in_order(theta)
-        if rolled is not None and rolled.serves(theta):
-            frame = self._pushed(rolled.copied(), theta)
+        theta = sorted_by_order(theta)
+        if rolled is not None and rolled.has_same_early_effects(theta):
+            frame = self._add_forces_and_rates(rolled.copy_frame(), theta)
         else:
-            frame = self._moved(state, u, theta)
+            frame = self._evaluate_rates(state, u, theta)
         if read:
-            self._instruments(frame, theta)
+            self._fill_readings(frame, theta)
         if frame.delays and late:
-            self._delayed(frame, state, u, theta, earlier or {})
+            self._delay_readings(frame, state, u, theta, earlier or {})
         return frame
 
-    def rolled(self, x: FloatArray, u: Inputs, theta: Theta, states: Sequence[str] | None = None) -> Rolled:
+    def evaluate_to_tyre_forces(
+        self, x: FloatArray, u: Inputs, theta: Theta, states: Sequence[str] | None = None
+    ) -> Rolled:
         """Return an evaluation up to the tyres' forces, for models that differ in what follows them."""
         names = self.states(theta) if states is None else states
-        theta = in_order(theta)
+        theta = sorted_by_order(theta)
         return Rolled(
-            self._on_tyres({name: x[..., k] for k, name in enumerate(names)}, u, theta), before_forces(theta)
+            self._evaluate_tyre_forces({name: x[..., k] for k, name in enumerate(names)}, u, theta),
+            effects_before_forces(theta),
         )
 
-    def _moved(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
-        """Return a frame with forces and rates."""
-        return self._pushed(self._on_tyres(state, u, theta), theta)
+    def _evaluate_rates(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
+        """Return a new frame with all forces and the rates of the states."""
+        return self._add_forces_and_rates(self._evaluate_tyre_forces(state, u, theta), theta)
 
-    def _on_tyres(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
-        """Return a frame with the tyres' forces."""
+    def _evaluate_tyre_forces(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
+        """Return a new frame up to the tyres' forces, effects on them applied."""
         frame = frame_of(self.car, state, u, self.nonlinear, MIN_MPS)
         if self.of_speed:
             frame.accel_long = frame.accel_long - frame.v * frame.r
@@ -236,52 +240,54 @@ class Baseline(ABC):
         for effect in theta:
             effect.adapt_inputs(frame)
         if not self.forces:
-            force = frame.mass * frame.accel_long + resistance(frame)
+            force = frame.mass * frame.accel_long + drag_and_rolling_resistance_n(frame)
             frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
         frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
         frame.across = frame.u * frame.r
         if not is_zero(frame.instant_loads) or any(effect.follows_instant() for effect in theta):
             if not any(effect.acts_on_angles and effect.reads_loads for effect in theta):
-                self._to_unlimited(frame, theta)  # the same in each round
-            self._follow_instant(frame, theta)
-        self._to_tyres(frame, theta)
+                self._set_unlimited_forces(frame, theta)  # the same in each round
+            self._iterate_instant_accelerations(frame, theta)
+        self._apply_loads_and_tyres(frame, theta)
         return frame
 
-    def _follow_instant(self, frame: Frame, theta: Theta) -> None:
-        """Let loads and roll follow the accelerations that the tyres give: those of the loads before, so that
-        their error falls by the tyres' sensitivity to load, a fifth near the limit, each time.
+    def _iterate_instant_accelerations(self, frame: Frame, theta: Theta) -> None:
+        """Set the accelerations that loads and roll follow to those of the tyres' forces, by iteration.
+
+        Each round uses the forces of the loads before, so that the error falls by the tyres' sensitivity to
+        load, a fifth near the limit.
         """
         steady = frame.across, frame.ahead
         frame.instant = frame.across
         for _ in range(INSTANT_ROUNDS):
             first = copy(frame)
-            self._to_tyres(first, theta)
+            self._apply_loads_and_tyres(first, theta)
             frame.instant = np.asarray(first.force_y / frame.mass)
             frame.across = steady[0] + frame.instant_loads * (frame.instant - steady[0])
             if self.forces:
-                ahead = np.asarray((first.force_x - resistance(frame)) / frame.mass)
+                ahead = np.asarray((first.force_x - drag_and_rolling_resistance_n(frame)) / frame.mass)
                 frame.ahead = steady[1] + frame.instant_loads * (ahead - steady[1])
 
-    def _to_tyres(self, frame: Frame, theta: Theta) -> None:
-        """Go on from accelerations to the tyres' forces."""
-        self._loads(frame)
+    def _apply_loads_and_tyres(self, frame: Frame, theta: Theta) -> None:
+        """Fill in loads and tyre forces for the accelerations of the frame."""
+        self._fill_loads(frame)
         for effect in theta:
             effect.adapt_loads(frame)
         if frame.unlimited is None:
-            self._to_unlimited(frame, theta)
-        self._tyres(frame)
+            self._set_unlimited_forces(frame, theta)
+        self._fill_tyre_forces(frame)
 
-    def _to_unlimited(self, frame: Frame, theta: Theta) -> None:
-        """Go on from states to the forces of tyres without a limit."""
-        self._angles(frame)
+    def _set_unlimited_forces(self, frame: Frame, theta: Theta) -> None:
+        """Fill in slip angles, stiffnesses and the tyre forces without a limit of friction."""
+        self._fill_slip_angles(frame)
         for effect in theta:
             effect.adapt_angles(frame)
         for effect in theta:
             effect.adapt_tyres(frame)
-        frame.unlimited = self._unlimited(frame)
+        frame.unlimited = self._unlimited_forces(frame)
 
-    def _pushed(self, frame: Frame, theta: Theta) -> Frame:
-        """Return a frame with the tyres' forces, all other forces and rates added."""
+    def _add_forces_and_rates(self, frame: Frame, theta: Theta) -> Frame:
+        """Add all other forces and the rates to a frame with tyre forces; return it."""
         for effect in theta:
             effect.add_forces(frame)
         _add_drag_and_rolling_resistance(frame)
@@ -292,7 +298,7 @@ class Baseline(ABC):
             effect.add_rates(frame)
         return frame
 
-    def _instruments(self, frame: Frame, theta: Theta) -> None:
+    def _fill_readings(self, frame: Frame, theta: Theta) -> None:
         """Fill in the readings of perfect instruments at the centre of gravity, then those of the effects."""
         frame.outputs = {
             "yaw_rate": frame.r,
@@ -310,7 +316,7 @@ class Baseline(ABC):
         for effect in theta:
             effect.read(frame)
 
-    def _delayed(
+    def _delay_readings(
         self,
         frame: Frame,
         state: Mapping[str, FloatArray],
@@ -318,7 +324,7 @@ class Baseline(ABC):
         theta: Theta,
         known: Mapping[str, Earlier],
     ) -> None:
-        """Put readings back by their ages: y(t - T) is read in the state that the car had then.
+        """Replace readings that have an age T by y(t - T), read in the state that the car had then.
 
         That state is integrated backwards over the recorded inputs; that of an older reading goes on from the
         younger one's where both ages are single numbers of one sign. It is a `known` one of the same age.
@@ -332,13 +338,13 @@ class Baseline(ABC):
             if near is not None and age == near.age_s:
                 before, past, done = near.again(), near.state, near.age_s
             if before is frame or np.any(age != done):
-                past, then = self._backwards(before, past, u, theta, age, done)
-                before, done = self._moved(past, then, theta), age
-            self._instruments(before, theta)
+                past, then = self._integrate_backwards(before, past, u, theta, age, done)
+                before, done = self._evaluate_rates(past, then, theta), age
+            self._fill_readings(before, theta)
             frame.outputs[name] = before.outputs[name]
             frame.earlier[name] = Earlier(age, past, before)
 
-    def _backwards(
+    def _integrate_backwards(
         self,
         frame: Frame,
         state: Mapping[str, FloatArray],
@@ -347,7 +353,7 @@ class Baseline(ABC):
         delay: FloatArray,
         done: FloatArray,
     ) -> tuple[Mapping[str, FloatArray], Inputs]:
-        """Return states and inputs a time ago, states by Runge-Kutta's method of fourth order.
+        """Return states and inputs `delay` seconds ago, states by Runge-Kutta's method of fourth order.
 
         `frame` and `state` are those of a time `done` ago, inputs those of now. Spans below a tenth of the
         fastest time constant take the midpoint rule, whose error is as small there. States of effects that
@@ -364,48 +370,52 @@ class Baseline(ABC):
         stiff = float(np.max(np.abs(span))) * self._fastest_rate_per_s(u, kept)
         h = span / count
 
-        def moved(by: FloatArray, rates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        def stepped_back(by: FloatArray, rates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             return {key: value - by * rates[key] for key, value in state.items()}
 
         for k in range(count):
             begin = done + k * h
-            first = frame.rates if k == 0 and not gone else self._moved(state, u.shifted(-begin), theta).rates
+            first = (
+                frame.rates
+                if k == 0 and not gone
+                else self._evaluate_rates(state, u.shifted(-begin), theta).rates
+            )
             middle = u.shifted(-(begin + 0.5 * h))
-            second = self._moved(moved(0.5 * h, first), middle, theta).rates
+            second = self._evaluate_rates(stepped_back(0.5 * h, first), middle, theta).rates
             if stiff < 0.1:
-                return moved(h, second), u.shifted(-delay)
-            third = self._moved(moved(0.5 * h, second), middle, theta).rates
-            last = self._moved(moved(h, third), u.shifted(-(begin + h)), theta).rates
+                return stepped_back(h, second), u.shifted(-delay)
+            third = self._evaluate_rates(stepped_back(0.5 * h, second), middle, theta).rates
+            last = self._evaluate_rates(stepped_back(h, third), u.shifted(-(begin + h)), theta).rates
             mean = {
                 key: (first[key] + 2.0 * second[key] + 2.0 * third[key] + last[key]) / 6.0 for key in state
             }
-            state = moved(h, mean)
+            state = stepped_back(h, mean)
         return state, u.shifted(-delay)
 
     @abstractmethod
-    def _loads(self, frame: Frame) -> None:
+    def _fill_loads(self, frame: Frame) -> None:
         """Fill in `load` and `transfer`."""
 
     @abstractmethod
-    def _angles(self, frame: Frame) -> None:
+    def _fill_slip_angles(self, frame: Frame) -> None:
         """Fill in `angle` and `stiffness`."""
 
     @abstractmethod
-    def _unlimited(self, frame: Frame) -> Unlimited:
-        """Return the tyres' forces as if friction had no limit."""
+    def _unlimited_forces(self, frame: Frame) -> Unlimited:
+        """Return the tyres' forces without a limit of friction."""
 
     @abstractmethod
-    def _tyres(self, frame: Frame) -> None:
-        """Fill in `side` and `along`, and add them up to forces and moment."""
+    def _fill_tyre_forces(self, frame: Frame) -> None:
+        """Fill in `side` and `along`, and their sums `force_x`, `force_y` and `moment`."""
 
 
 def _add_drag_and_rolling_resistance(frame: Frame) -> None:
     """Add drag and rolling resistance, where the car has them and speed is an output."""
     if frame.speed_is_state:
-        frame.force_x = frame.force_x - resistance(frame)
+        frame.force_x = frame.force_x - drag_and_rolling_resistance_n(frame)
 
 
-def resistance(frame: Frame) -> FloatArray:
+def drag_and_rolling_resistance_n(frame: Frame) -> FloatArray:
     """Return drag and rolling resistance of the configured car and of the effects, N."""
     drag = 0.5 * frame.air_kgpm3 * frame.drag_area * frame.u * np.abs(frame.u)
     return np.asarray(drag + frame.rolling_resistance * frame.mass * GRAVITY_MPS2)
@@ -414,13 +424,16 @@ def resistance(frame: Frame) -> FloatArray:
 def axle_forces(frame: Frame) -> tuple[Real, Real]:
     """Return the longitudinal force of the front and of the rear axle: their shares of drive and brake
     force."""
-    front = within(frame.drive_front_share) * frame.drive - within(frame.brake_front_share) * frame.brake
-    rear = (1.0 - within(frame.drive_front_share)) * frame.drive
-    return front, rear - (1.0 - within(frame.brake_front_share)) * frame.brake
+    front = (
+        clipped_share(frame.drive_front_share) * frame.drive
+        - clipped_share(frame.brake_front_share) * frame.brake
+    )
+    rear = (1.0 - clipped_share(frame.drive_front_share)) * frame.drive
+    return front, rear - (1.0 - clipped_share(frame.brake_front_share)) * frame.brake
 
 
-def within(share: Real) -> Real:
-    """Return a share within 0 and 1, and a little beyond, so that it has a derivative at either."""
+def clipped_share(share: Real) -> Real:
+    """Return a share clipped to 0..1 and a margin beyond, so that it has a derivative at 0 and at 1."""
     return np.clip(share, -SHARE_MARGIN, 1.0 + SHARE_MARGIN)
 
 
@@ -433,7 +446,7 @@ def lateral_transfer(frame: Frame) -> FloatArray:
     return np.stack(np.broadcast_arrays(pull / frame.track_front, pull / frame.track_rear))
 
 
-def aligned(*arrays: FloatArray) -> list[FloatArray]:
-    """Return arrays of contacts (k, ...) with as many axes as the one that has most."""
+def pad_axes(*arrays: FloatArray) -> list[FloatArray]:
+    """Return arrays of contacts (k, ...), padded by axes of length one to the most axes of any."""
     longest = max(arrays, key=lambda one: one.ndim)
     return [like(one, longest) for one in arrays]

@@ -27,7 +27,7 @@ def exponential_step(
     h: FloatArray,
     decays: Mapping[int, FloatArray],
 ) -> FloatArray:
-    """Return the states (..., n) after `h` seconds, (..., 1).
+    """Return the states (..., n) after a step of `h` seconds, (..., 1), by the exponential method.
 
     `first` are the rates at its start, `rates` takes states and a fraction of it; `decays` are the rate
     constants (...) of the columns that have one.
@@ -58,7 +58,7 @@ class _Weights:
             own = z[..., column]
             small = own > -1.0
             by = np.where(small, 1.0, own)
-            three = np.where(small, _series(np.where(small, own, 0.0)), 0.0)
+            three = np.where(small, _phi_3_by_series(np.where(small, own, 0.0)), 0.0)
             power = np.exp(own)
             one = np.where(small, 1.0 + own * (0.5 + own * three), (power - 1.0) / by)
             two = np.where(small, 0.5 + own * three, (one - 1.0) / by)
@@ -66,7 +66,7 @@ class _Weights:
             self.three[..., column] = np.where(small, three, (two - 0.5) / by)
 
 
-def _series(z: FloatArray) -> FloatArray:
+def _phi_3_by_series(z: FloatArray) -> FloatArray:
     """Return phi_3 of small exponents: the sum of z^k / (k + 3)!."""
     out = np.zeros_like(z)
     for k in range(_SERIES, -1, -1):

@@ -42,8 +42,8 @@ class Inputs:
         return Inputs(*(getattr(self, name)[rows] for name in FIELDS))
 
     def shifted(self, by_s: float | FloatArray) -> Inputs:
-        """Return the inputs a time later: those of a recording interpolated, others extrapolated by the
-        steering's rate."""
+        """Return the inputs `by_s` seconds later: interpolated in a recording, else with the steering
+        extrapolated by its rate."""
         if self.time_s.ndim == 1 and len(self.time_s) > 3 and np.ndim(by_s) == 0:
             known = self._shifts.get(float(by_s))
             if known is None:
@@ -76,7 +76,8 @@ class Inputs:
 
         known: dict[int, FloatArray] = {}  # inputs that are not given are one array of zeros
 
-        def mixed(values: FloatArray) -> FloatArray:
+        def interpolate_rows(values: FloatArray) -> FloatArray:
+            """Return values (n,) linear between rows; beyond the ends and in pauses those of the row."""
             if id(values) not in known:
                 known[id(values)] = np.where(
                     near, values[row] + part * (values[row + 1] - values[row]), values
@@ -88,12 +89,12 @@ class Inputs:
         bend = h * part * (1.0 - part) * ((1.0 - part) * (rate[row] - slope) - part * (rate[row + 1] - slope))
         return Inputs(
             at,
-            np.where(near, mixed(steer) + bend, steer + by_s * rate),
-            mixed(rate),
-            mixed(self.speed_mps),
-            mixed(self.accel_long_mps2),
-            mixed(self.drive_n),
-            mixed(self.brake_n),
+            np.where(near, interpolate_rows(steer) + bend, steer + by_s * rate),
+            interpolate_rows(rate),
+            interpolate_rows(self.speed_mps),
+            interpolate_rows(self.accel_long_mps2),
+            interpolate_rows(self.drive_n),
+            interpolate_rows(self.brake_n),
         )
 
 

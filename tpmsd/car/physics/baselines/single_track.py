@@ -19,7 +19,7 @@ from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
 
-def _axle_share(frame: Frame, linear: FloatArray, friction: Real) -> FloatArray:
+def _carried_force_share(frame: Frame, linear: FloatArray, friction: Real) -> FloatArray:
     """Return the share of the linear force that each axle carries, (2, ...): the mean of its two wheels."""
     load = frame.load
     if not is_zero(frame.ellipse):
@@ -40,33 +40,33 @@ class SingleTrack(Baseline):
 
     name: ClassVar[str] = SINGLE_TRACK
 
-    def _loads(self, frame: Frame) -> None:
-        """Axle loads with the transfer of longitudinal acceleration; lateral transfer for the effects."""
+    def _fill_loads(self, frame: Frame) -> None:
+        """Fill in axle loads with longitudinal transfer, and the lateral transfer that effects use."""
         base = frame.front + frame.rear
         rise = frame.mass * frame.ahead * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
         frame.load = np.stack(np.broadcast_arrays(weight * frame.rear - rise, weight * frame.front + rise))
         frame.transfer = lateral_transfer(frame)
 
-    def _angles(self, frame: Frame) -> None:
-        """Small slip angles of the axles."""
+    def _fill_slip_angles(self, frame: Frame) -> None:
+        """Fill in the axles' slip angles, linear in the motion, and stiffnesses."""
         front = frame.steer - (frame.v + frame.front * frame.r) / frame.u
         rear = -(frame.v - frame.rear * frame.r) / frame.u
         frame.angle = np.stack(np.broadcast_arrays(front, rear))
         stiff = np.broadcast_arrays(frame.cornering_front, frame.cornering_rear)
         frame.stiffness = like(np.stack(stiff), frame.angle)
 
-    def _unlimited(self, frame: Frame) -> Unlimited:
-        """Side forces proportional to the slip angles."""
+    def _unlimited_forces(self, frame: Frame) -> Unlimited:
+        """Return side forces proportional to the slip angles; none along the wheels."""
         side = like(frame.stiffness, frame.angle) * frame.angle
         return Unlimited(side, np.zeros_like(side), np.abs(side), np.ones(1), np.zeros(1))
 
-    def _tyres(self, frame: Frame) -> None:
-        """Forces proportional to the slip angles, less where an effect sets a limit."""
+    def _fill_tyre_forces(self, frame: Frame) -> None:
+        """Fill in forces proportional to the slip angles, less where an effect sets a limit of friction."""
         assert frame.unlimited is not None
         frame.side, frame.along = frame.unlimited.side, frame.unlimited.along
         if frame.friction is not None:
-            frame.side = frame.side * _axle_share(frame, frame.unlimited.total, frame.friction)
+            frame.side = frame.side * _carried_force_share(frame, frame.unlimited.total, frame.friction)
         frame.force_y = frame.side[0] + frame.side[1]
         frame.moment = frame.front * frame.side[0] - frame.rear * frame.side[1]
         frame.force_x = frame.mass * frame.accel_long

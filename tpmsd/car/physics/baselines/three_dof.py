@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, aligned, axle_forces, lateral_transfer
+from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, axle_forces, lateral_transfer, pad_axes
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
 from tpmsd.car.physics.baselines.frame import Frame, Unlimited, is_zero, like
 from tpmsd.car.physics.baselines.names import THREE_DOF
@@ -31,8 +31,8 @@ class ThreeDof(Baseline):
     name: ClassVar[str] = THREE_DOF
     nonlinear: ClassVar[bool] = True
 
-    def _loads(self, frame: Frame) -> None:
-        """Quasi-static wheel loads, [Liu 2022, eq. 8] with the division by the wheelbase."""
+    def _fill_loads(self, frame: Frame) -> None:
+        """Fill in quasi-static wheel loads, [Liu 2022, eq. 8] with the division by the wheelbase."""
         base = frame.front + frame.rear
         rise = frame.mass * frame.ahead * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
@@ -43,8 +43,8 @@ class ThreeDof(Baseline):
         loads = (front - left_front, front + left_front, rear - left_rear, rear + left_rear)
         frame.load = np.stack(np.broadcast_arrays(*loads))
 
-    def _angles(self, frame: Frame) -> None:
-        """Slip angles of the wheels."""
+    def _fill_slip_angles(self, frame: Frame) -> None:
+        """Fill in the wheels' slip angles and stiffnesses."""
         ahead = frame.v + frame.front * frame.r
         behind = frame.v - frame.rear * frame.r
         front, rear = 0.5 * frame.track_front * frame.r, 0.5 * frame.track_rear * frame.r
@@ -58,9 +58,9 @@ class ThreeDof(Baseline):
         )
         frame.stiffness = like(np.stack([front_n, front_n, rear_n, rear_n]), frame.angle)
 
-    def _unlimited(self, frame: Frame) -> Unlimited:
-        """Dugoff's forces far below the limit: C tan(alpha) / (1 + sigma) and C_sigma sigma / (1 + sigma)."""
-        slip, angle = aligned(carried_slip(frame), frame.angle)
+    def _unlimited_forces(self, frame: Frame) -> Unlimited:
+        """Return Dugoff's forces without limit: C tan(alpha) / (1 + sigma), C_sigma sigma / (1 + sigma)."""
+        slip, angle = pad_axes(slip_of_axle_forces(frame), frame.angle)
         lengthened = 1.0 + slip
         side = like(frame.stiffness, angle) * np.tan(angle) / lengthened
         along = frame.longitudinal * slip / lengthened
@@ -71,15 +71,15 @@ class ThreeDof(Baseline):
         side, along = np.broadcast_arrays(side, along)
         return Unlimited(side, along, np.sqrt(along * along + side * side), cos, sin)
 
-    def _tyres(self, frame: Frame) -> None:
-        """Forces in the wheels' frames, added up in the car's."""
+    def _fill_tyre_forces(self, frame: Frame) -> None:
+        """Fill in forces in the wheels' frames, and their sums in the car's."""
         tyres = frame.unlimited
         assert frame.friction is not None and tyres is not None
-        side, along, total, load = aligned(tyres.side, tyres.along, tyres.total, frame.load)
+        side, along, total, load = pad_axes(tyres.side, tyres.along, tyres.total, frame.load)
         share = grip_share(total, frame.friction, load, frame.tyre_shape)
         frame.side, frame.along = side * share, along * share
         if not is_zero(frame.ellipse):
-            frame.side = frame.side + frame.ellipse * (_by_ellipse(frame, side, load) - frame.side)
+            frame.side = frame.side + frame.ellipse * (_side_force_by_ellipse(frame, side, load) - frame.side)
         ahead = [*(frame.along[k] * tyres.cos - frame.side[k] * tyres.sin for k in (0, 1)), *frame.along[2:]]
         left = [*(frame.along[k] * tyres.sin + frame.side[k] * tyres.cos for k in (0, 1)), *frame.side[2:]]
         if not is_zero(frame.turned_rear):  # some hundredths of a radian, whose cosine is 1
@@ -97,20 +97,19 @@ class ThreeDof(Baseline):
         )
 
 
-def _by_ellipse(frame: Frame, side: FloatArray, load: FloatArray) -> FloatArray:
-    """Return the side forces whose limit is what the longitudinal force leaves of friction, (4, ...)."""
+def _side_force_by_ellipse(frame: Frame, side: FloatArray, load: FloatArray) -> FloatArray:
+    """Return the (4, ...) side forces, limited to the friction that longitudinal forces leave (ellipse)."""
     assert frame.friction is not None
     front, rear = (0.5 * np.asarray(one) for one in axle_forces(frame))
     longitudinal = np.stack(np.broadcast_arrays(front, front, rear, rear))
-    longitudinal, load, slip, side = aligned(longitudinal, load, carried_slip(frame), side)
+    longitudinal, load, slip, side = pad_axes(longitudinal, load, slip_of_axle_forces(frame), side)
     left = load * lateral_friction_share(longitudinal, frame.friction, load)
     alone = side * (1.0 + slip)
     return alone * grip_share(np.abs(alone), frame.friction, left, frame.tyre_shape)
 
 
-def carried_slip(frame: Frame) -> FloatArray:
-    """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4,
-    ...)."""
+def slip_of_axle_forces(frame: Frame) -> FloatArray:
+    """Return the (4, ...) longitudinal slip at which wheels carry their shares of drive and brake force."""
     halves = [0.5 * np.asarray(one) / frame.longitudinal for one in axle_forces(frame)]
     force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MAX_SLIP_FORCE, MAX_SLIP_FORCE)
     return np.repeat(force / (1.0 - force), 2, axis=0)

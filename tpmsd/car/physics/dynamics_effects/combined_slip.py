@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.dynamics_parameters import formula_coefficient
 from tpmsd.car.physics.effect_records import Wording
 
 
@@ -31,7 +31,7 @@ class CombinedSlip(DynamicsEffect):
     confounded_with = ("drive_slip_error", "drive_share_error")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        physical_share(
+        formula_coefficient(
             "share of the ellipse, 0 for the baseline's own law",
             "1 by the ellipse; the axles' shares of force are known to a third",
         ),

@@ -58,7 +58,7 @@ class DynamicsComplianceSteer(DynamicsEffect):
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return what the wheels may give way to: where tyres feel their loads, their force alone."""
+        """Return the values of the switches to try: compliance to the force alone where tyres feel loads."""
         return ({"by_accel": 0.0},) if nonlinear else ({"by_accel": 0.0}, {"by_accel": 1.0})
 
     def follows_instant(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.dynamics_parameters import formula_coefficient
 from tpmsd.car.physics.effect_records import Wording
 
 
@@ -31,7 +31,7 @@ class InstantLoads(DynamicsEffect):
     confounded_with = ("cg_height_error", "wheel_loads")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        physical_share(
+        formula_coefficient(
             "share of the accelerations beside the steady ones",
             "1 by statics; springs and dampers delay it",
         ),

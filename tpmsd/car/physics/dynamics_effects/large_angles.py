@@ -8,7 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.dynamics_parameters import formula_coefficient
 from tpmsd.car.physics.effect_records import Wording
 
 
@@ -34,7 +34,7 @@ class LargeAngles(DynamicsEffect):
     confounded_with = ("steering_ratio_error", "yaw_moment")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        physical_share(
+        formula_coefficient(
             "share of the difference between finite and small angles",
             "1 by geometry; the shares of the forces at the front are known to a third",
         ),

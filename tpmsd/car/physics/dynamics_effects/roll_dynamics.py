@@ -85,12 +85,12 @@ class RollDynamics(DynamicsEffect):
             swing = w**2 * (accel - q) - 2.0 * self.damping * w * rate
             frame.rates["roll_q"], frame.rates["roll_rate_q"] = rate, swing
         else:
-            swing = _swing(accel, frame.inputs.time_s, w, self.damping)
+            swing = _roll_state_acceleration(accel, frame.inputs.time_s, w, self.damping)
         frame.rates["v"] = frame.rates["v"] + COUPLING * swing / w**2
 
 
-def _swing(accel: FloatArray, time_s: FloatArray, w: float, damping: float) -> FloatArray:
-    """Return d2q/dt2 along the last axis, by the bilinear transform at the recording's usual step."""
+def _roll_state_acceleration(accel: FloatArray, time_s: FloatArray, w: float, damping: float) -> FloatArray:
+    """Return d2q/dt2 of the roll state q along the last axis, by the bilinear transform at the usual step."""
     if np.ndim(accel) == 0 or np.ndim(time_s) == 0 or len(time_s) < 3:
         return np.zeros_like(accel)
     k = 2.0 / float(np.median(np.diff(time_s)))

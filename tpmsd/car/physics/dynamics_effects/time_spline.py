@@ -48,11 +48,12 @@ class _Spline(DynamicsEffect):
             raise ConfigError(f"effect {self.name}: as many heights as knots, and knots that rise")
 
     def at(self, covariate: FloatArray) -> FloatArray:
-        """Return the spline's value."""
+        """Return the spline's values at a covariate, same shape."""
         return np.asarray(np.interp(covariate, self.knots, self.heights))
 
 
-def _vectors(unit: str) -> tuple[VectorParameter, VectorParameter]:
+def _spline_parameters(unit: str) -> tuple[VectorParameter, VectorParameter]:
+    """Return the parameters of a spline: knots, and heights in this unit."""
     return (
         VectorParameter("knots", (0.0, 60.0), "where the spline bends", ""),
         VectorParameter("heights", (0.0, 0.0), "its values there", unit),
@@ -75,7 +76,7 @@ class DynamicsRoadGrade(_Spline):
     )
     channel = "speed"
     needs_forces = True
-    parameters = _vectors("rad")
+    parameters = _spline_parameters("rad")
 
     def add_forces(self, frame: Frame) -> None:
         """Pull backwards."""
@@ -97,7 +98,7 @@ class DynamicsRoadBank(_Spline):
         distinguished_by="drive the same road there and back",
     )
     channel = "velocity_lat"
-    parameters = _vectors("rad")
+    parameters = _spline_parameters("rad")
 
     def add_forces(self, frame: Frame) -> None:
         """Pull to the right."""
@@ -117,7 +118,7 @@ class DynamicsUnknown(_Spline):
     parameters = (
         TextParameter("on", "moment", "equation (force_x force_y moment force_front force_rear) or output"),
         TextParameter("over", "speed", "covariate"),
-        *_vectors(""),
+        *_spline_parameters(""),
     )
     on: str = "moment"
     over: str = "speed"

@@ -88,12 +88,12 @@ class TyreRelaxation(DynamicsEffect):
             frame.rates["relaxed_rear"] = frame.u / self.length_m * (axle[1] - relaxed[1])
             lag = axle - relaxed
         else:
-            lag = _lag(frame, axle, self.length_m)
+            lag = _relaxation_lag(frame, axle, self.length_m)
         frame.angle = frame.angle - (lag if frame.axles else lag[[0, 0, 1, 1]])
 
 
-def _lag(frame: Frame, axle: FloatArray, length_m: Real) -> FloatArray:
-    """Return by how much the axles' angles are ahead of the relaxed ones, (2, ...).
+def _relaxation_lag(frame: Frame, axle: FloatArray, length_m: Real) -> FloatArray:
+    """Return the (2, ...) slip angles of the axles minus the relaxed ones, rad.
 
     Along a recording the angles are linear between rows: lag' = rate of the angle - u / length * lag.
     """

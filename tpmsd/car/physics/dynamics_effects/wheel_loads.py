@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.dynamics_parameters import formula_coefficient
 from tpmsd.car.physics.effect_records import Wording
 
 
@@ -30,7 +30,7 @@ class WheelLoads(DynamicsEffect):
     confounded_with = ("tyre_saturation", "load_dependent_stiffness")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        physical_share(
+        formula_coefficient(
             "share of the quasi-static load transfer",
             "1 by statics; roll stiffness splits it between the axles",
         ),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.dynamics_parameters import formula_coefficient
 from tpmsd.car.physics.effect_records import Wording
 
 
@@ -29,7 +29,9 @@ class WheelResistance(DynamicsEffect):
     covariate = "accel_lat"
     confounded_with = ("yaw_moment", "cg_position_error")
     parameters = (
-        physical_share("share of the loads in the wheels' resistance", "1 where it is proportional to loads"),
+        formula_coefficient(
+            "share of the loads in the wheels' resistance", "1 where it is proportional to loads"
+        ),
     )
     coefficient: float = 0.0
 

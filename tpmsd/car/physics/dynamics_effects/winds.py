@@ -26,7 +26,8 @@ TYPICAL_DRAG_M2 = 0.65
 """Drag area where the car has none configured."""
 
 
-def _span(name: str, typical: float, low: float, description: str) -> Parameter:
+def _time_parameter(name: str, typical: float, low: float, description: str) -> Parameter:
+    """Return a parameter in seconds, at most 1e6."""
     return Parameter(name, "s", typical, low, 1e6, description)
 
 
@@ -60,14 +61,18 @@ class SideWind(DynamicsEffect):
     channel = "accel_lat"
     confounded_with = ("road_bank", "steering_offset")
     relative_std = SIDE_AREA_STD
-    parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
+    parameters = (
+        _SPEED,
+        _time_parameter("onset_s", 60.0, 0.0, "begin"),
+        _time_parameter("duration_s", 10.0, 0.1, "length"),
+    )
     speed_mps: float = 0.0
     onset_s: float = 0.0
     duration_s: float = 1e6
 
     def add_forces(self, frame: Frame) -> None:
         """Push sideways, ahead of the centre of gravity."""
-        force = 0.5 * frame.air_kgpm3 * SIDE_AREA_M2 * frame.u * self.speed_mps * _within(self, frame)
+        force = 0.5 * frame.air_kgpm3 * SIDE_AREA_M2 * frame.u * self.speed_mps * _blowing_mask(self, frame)
         frame.force_y = frame.force_y + force
         frame.moment = frame.moment + LEVER_M * force
 
@@ -89,7 +94,11 @@ class DynamicsHeadWind(DynamicsEffect):
     channel = "speed"
     needs_forces = True
     confounded_with = ("road_grade",)
-    parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
+    parameters = (
+        _SPEED,
+        _time_parameter("onset_s", 60.0, 0.0, "begin"),
+        _time_parameter("duration_s", 10.0, 0.1, "length"),
+    )
     speed_mps: float = 0.0
     onset_s: float = 0.0
     duration_s: float = 1e6
@@ -98,10 +107,10 @@ class DynamicsHeadWind(DynamicsEffect):
         """Push backwards."""
         area = np.where(np.asarray(frame.drag_area) > 0.0, frame.drag_area, TYPICAL_DRAG_M2)
         press = (frame.u + self.speed_mps) ** 2 - frame.u**2
-        frame.force_x = frame.force_x - 0.5 * frame.air_kgpm3 * area * press * _within(self, frame)
+        frame.force_x = frame.force_x - 0.5 * frame.air_kgpm3 * area * press * _blowing_mask(self, frame)
 
 
-def _within(wind: SideWind | DynamicsHeadWind, frame: Frame) -> FloatArray:
-    """Return 1 in the span, 0 outside."""
+def _blowing_mask(wind: SideWind | DynamicsHeadWind, frame: Frame) -> FloatArray:
+    """Return 1 while the wind blows, else 0."""
     since = frame.inputs.time_s - wind.onset_s
     return np.asarray((since >= 0.0) & (since < wind.duration_s), dtype=np.float64)

@@ -64,13 +64,13 @@ class AccelerometerTilt(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """No bracket is square to a degree."""
+        """Return the note on a tilt within that of usual brackets; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
         return f"the accelerometers are turned by {value:.3f} +- {std:.3f} rad, as brackets are"
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 2) what the turns leak."""
+        """Return the (n, 2) errors (forward, left) by the other axis and by gravity, m/s2."""
         along, across = motion.specific_force_long_mps2, motion.accel_lat_mps2
         return np.stack(
             [

@@ -94,14 +94,16 @@ class BrakeDrag(Effect):
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) -slip * (1 + h) on its wheel."""
-        return np.asarray(-self.slip * (1.0 + self._warmth(motion))[:, None] * wheel_mask(self.wheel))
+        return np.asarray(-self.slip * (1.0 + self._relative_heat(motion))[:, None] * wheel_mask(self.wheel))
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) growth_m * slip * h on its wheel."""
-        return np.asarray(self.growth_m * self.slip * self._warmth(motion)[:, None] * wheel_mask(self.wheel))
+        return np.asarray(
+            self.growth_m * self.slip * self._relative_heat(motion)[:, None] * wheel_mask(self.wheel)
+        )
 
-    def _warmth(self, motion: Motion) -> FloatArray:
-        """(n,) h."""
+    def _relative_heat(self, motion: Motion) -> FloatArray:
+        """Return the (n,) heat h of the brake, 1 in equilibrium at `SPEED_MPS`."""
         step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0
         kept = math.exp(-step / self.cooling_s)
         return accumulated((1.0 - kept) * motion.speed_mps / SPEED_MPS, kept)

@@ -98,7 +98,7 @@ class BrakeSlip(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of the axles that were fitted."""
+        """Return the wheels of the axles whose parameters were fitted."""
         axle = ("front", "front", "rear", "rear")
         return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)
 

@@ -57,7 +57,7 @@ class ClockDrift(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a rate is usual for a crystal."""
+        """Return the note on a rate within the tolerance of crystals; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE_RATE:
             return ""
         return f"the host's clock gains {1e6 * value:.0f} +- {1e6 * std:.0f} ppm on UTC, as crystals do"

@@ -52,7 +52,7 @@ class ComplianceSteer(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Ordinary cars understeer."""
+        """Return the note on an understeer that is usual for cars; empty for another."""
         low, high = TOLERANCE_RAD_S2PM
         if value + 2.0 * std < low or value - 2.0 * std > high:
             return ""

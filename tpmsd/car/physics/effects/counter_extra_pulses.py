@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tpmsd.car.physics.pulse_rate import PulseRate, rate_per_s
+from tpmsd.car.physics.pulse_rate import PulseRate, pulse_rate_parameters
 
 
 @dataclass(frozen=True)
@@ -25,5 +25,5 @@ class CounterExtraPulses(PulseRate):
         answers=("the counter of {wheel} adds {rate_per_s}",),
     )
     confounding = replace(PulseRate.confounding, mirror_of="counter_missed_pulses")
-    parameters = rate_per_s("pulses added per second")
+    parameters = pulse_rate_parameters("pulses added per second")
     more = 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tpmsd.car.physics.pulse_rate import PulseRate, rate_per_s
+from tpmsd.car.physics.pulse_rate import PulseRate, pulse_rate_parameters
 
 
 @dataclass(frozen=True)
@@ -26,5 +26,5 @@ class CounterMissedPulses(PulseRate):
         answers=("the counter of {wheel} loses {rate_per_s}",),
     )
     identification = replace(PulseRate.identification, by_ripple=True)
-    parameters = rate_per_s("pulses lost per second")
+    parameters = pulse_rate_parameters("pulses lost per second")
     more = -1.0

@@ -60,7 +60,7 @@ class DriveSplit(Effect):
 
     @classmethod
     def penalty(cls, value: float) -> float:
-        """Nats against what load transfer may be, and against a size by Student's distribution."""
+        """Return nats against a value that load transfer may explain, and against its size (Student)."""
         load = -2.0 * MAX_LOAD_LONGITUDINAL_S2 / TYPICAL_RADIUS_M < value < 0.0
         return tail_nats(value, TYPICAL) + (IMPOSSIBLE_SIGN if load else 0.0)
 

@@ -59,7 +59,7 @@ class GnssSmoothing(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a short low-pass is usual: the receiver has its own."""
+        """Return the note on a low-pass as short as receivers have; empty for a longer one."""
         if value - 2.0 * std > TOLERANCE_S:
             return ""
         return f"the receiver smooths its speed over {value:.2f} +- {std:.2f} s; taken into account"

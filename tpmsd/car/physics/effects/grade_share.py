@@ -41,7 +41,7 @@ class GradeShare(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Always the receiver's own."""
+        """Return the note on the share: it is the receiver's error, never a finding."""
         return (
             f"the wheels feel {1.0 + value:.2f} +- {std:.2f} of the slopes that the receiver's heights show;"
             " taken into account"

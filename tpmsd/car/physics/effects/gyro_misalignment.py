@@ -70,12 +70,12 @@ class GyroMisalignment(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """On hilly roads."""
+        """Return whether the road is hilly enough: the pitch rate's spread is above `STEEP_RADPS`."""
         rate = pitch_rate_radps(motion)[motion.speed_mps > MOVING_MPS]
         return bool(rate.size) and float(np.std(rate)) > STEEP_RADPS
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) what leaks of pitch and roll."""
+        """Return the (n,) error by the shares of pitch and roll rate in the reading, rad/s."""
         if len(motion) < 2:
             return np.zeros(len(motion))
         roll_rate = ROLL_RAD_S2PM * np.gradient(motion.accel_lat_mps2, motion.time_s)
@@ -83,5 +83,5 @@ class GyroMisalignment(Effect):
 
 
 def pitch_rate_radps(motion: Motion) -> FloatArray:
-    """(n,) of a car that follows the road, nose down positive."""
+    """Return the (n,) pitch rate of a car that follows the road, nose down positive, rad/s."""
     return np.asarray(-np.gradient(motion.grade_rad, motion.time_s))

@@ -48,6 +48,6 @@ class GyroTemperature(Effect):
     per_kelvin: float
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) the zero; none where no temperature is known."""
+        """Return the (n,) shift of the gyro's zero, rad/s; 0 where no temperature is known."""
         kelvin = covariate(motion, car, "temperature")
         return np.where(np.isnan(kelvin), 0.0, self.per_kelvin * (kelvin - ROOM_K))

@@ -77,7 +77,7 @@ class LoadStatic(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of the axles that were fitted."""
+        """Return the wheels of the axles whose parameters were fitted."""
         axle = ("front_m", "front_m", "rear_m", "rear_m")
         return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)
 
@@ -89,7 +89,7 @@ class LoadStatic(Effect):
 
 
 def longest_stop_end_s(motion: Motion) -> float | None:
-    """When the longest stop between two stretches of driving ends; None if none lasts long enough."""
+    """Return the end of the longest stop amid driving, s; None if none lasts long enough."""
     moving = np.flatnonzero(motion.speed_mps > STANDSTILL_MPS)
     if len(moving) < 2:
         return None

@@ -52,7 +52,7 @@ class LoadTransferLongitudinal(Effect):
 
     @classmethod
     def penalty(cls, value: float) -> float:
-        """Beyond what usual cars have as their spread says, by Student's distribution."""
+        """Return nats against a value far from that of usual cars, by Student's distribution."""
         return super().penalty(value) + tail_nats(max(value - TYPICAL.mean, 0.0), TYPICAL)
 
     @classmethod

@@ -59,7 +59,7 @@ class LockedDifferential(Effect):
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) c * (v_axle - v_i) / v_i on the driven wheels."""
+        """Return (n, 4) c * (v_axle - v_i) / v_i on the driven wheels."""
         hubs = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
         front, rear = hubs[:, IS_FRONT].mean(axis=1), hubs[:, ~IS_FRONT].mean(axis=1)
         axle = np.where(IS_FRONT, front[:, None], rear[:, None])

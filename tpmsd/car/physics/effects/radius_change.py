@@ -102,9 +102,9 @@ class RadiusChange(Effect):
 
     @property
     def wheels(self) -> str:
-        """The wheels by name, as reports call several."""
+        """Return the names of the wheels, under the key that reports use for several."""
         return self.wheel
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """Never taken out."""
+        """Return the reason: this change is the fault that is watched."""
         return f"the radius of {self.wheel} is what is watched, and its change the fault itself"

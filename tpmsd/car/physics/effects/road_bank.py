@@ -67,7 +67,7 @@ class RoadBank(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a share is usual: a body's roll or a scale may make it."""
+        """Return the note on a share that roll or the sensor's scale may make; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE:
             return ""
         return f"a share of {value:.2f} +- {std:.2f} of the lateral acceleration is not read; bodies roll so"

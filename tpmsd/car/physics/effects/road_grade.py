@@ -45,5 +45,5 @@ class RoadGrade(Effect):
 
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
-        """Return that of its factor."""
+        """Return the bounds of the factor, keyed by the empty name."""
         return {"": FACTORS}

@@ -52,7 +52,7 @@ class SpareOrMixedTyre(Effect):
     deviation_m: float
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """Return the reason: calibration takes it up."""
+        """Return the reason: calibration estimates the radius."""
         return f"the radius of {self.wheel} is what is calibrated"
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:

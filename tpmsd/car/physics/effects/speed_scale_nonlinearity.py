@@ -47,7 +47,7 @@ class SpeedScaleNonlinearity(SpeedSignalFault):
 
     @classmethod
     def penalty(cls, value: float) -> float:
-        """Beyond what capture units are late by: growth with speed reads much the same."""
+        """Return nats against values beyond the delay of capture units: growth with speed reads the same."""
         return super().penalty(value) + tail_nats(value, TYPICAL)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

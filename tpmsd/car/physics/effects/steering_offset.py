@@ -52,7 +52,7 @@ class SteeringOffset(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """No steering wheel stands quite straight."""
+        """Return the note on an offset that is usual for steering wheels; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
         return f"the steering wheel reads {value:.3f} +- {std:.3f} rad on the straight, as they do"

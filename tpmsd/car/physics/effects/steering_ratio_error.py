@@ -51,7 +51,7 @@ class SteeringRatioError(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a ratio is usual: racks vary by it; `value` is the difference from one."""
+        """Return the note on a ratio within the tolerance of racks, else empty; `value` is ratio - 1."""
         if abs(value) - 2.0 * std > TOLERANCE:
             return ""
         return f"the steering's ratio is {1.0 + value:.3f} +- {std:.3f} of the configured one"

@@ -88,7 +88,7 @@ class SunSide(Effect):
     lag_s: float = 300.0
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the lagged exposure, positive on the left."""
+        """Return the (n, 4) lagged exposure to the sun, positive on the left."""
         heading = motion.heading_rad
         shining = -self.east_m * np.sin(heading) + self.north_m * np.cos(heading)
         step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0

@@ -63,22 +63,22 @@ class ToneRingError(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """No ring runs quite true; speeds that are timed from edge to edge show it."""
+        """Return the note on a ripple that is usual for rings; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
         return f"uneven by {value:.1e} +- {std:.1e} rad once per revolution, as rings are"
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
         """Return the first harmonic on its wheel, zero on the others."""
-        if not self._has(wheel):
+        if not self._is_on_wheel(wheel):
             return np.zeros_like(angle_rad)
         return harmonic_rad(angle_rad, self.amplitude_rad, self.phase_rad)
 
     def true_teeth_per_rev(self, wheel: int) -> float | None:
         """Return the wrong wheel's number of teeth, None for the others."""
-        return self.teeth_per_rev if self._has(wheel) else None
+        return self.teeth_per_rev if self._is_on_wheel(wheel) else None
 
-    def _has(self, wheel: int) -> bool:
+    def _is_on_wheel(self, wheel: int) -> bool:
         return self.wheel is None or wheel == WHEELS.index(self.wheel)
 
     def left_in(self) -> str | None:

@@ -81,7 +81,7 @@ class TorqueSlip(Effect):
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) c * T(t - lag_s) on the driven wheels; none where no torque is told."""
+        """(n, 4) c * T(t - lag_s) on the driven wheels; 0 where no torque is known."""
         torque = np.nan_to_num(covariate(motion, car, "torque"))
         late = np.interp(motion.time_s - self.lag_s, motion.time_s, torque)
         return np.asarray(self.slip_per_nm * late[:, None] * car.driven)

@@ -70,6 +70,6 @@ class TrackWidthError(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of the axles whose tracks were fitted."""
+        """Return the wheels of the axles whose tracks were fitted."""
         axle = ("front_m", "front_m", "rear_m", "rear_m")
         return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)

@@ -56,38 +56,40 @@ class Unknown(Effect):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.covariate not in COVARIATES:
-            raise self._refused(f"covariate = {self.covariate!r} is not one of {' '.join(COVARIATES)}")
+            raise self._config_error(f"covariate = {self.covariate!r} is not one of {' '.join(COVARIATES)}")
         if len(self.heights) != len(self.knots):
-            raise self._refused(f"{len(self.knots)} knots, but {len(self.heights)} heights")
+            raise self._config_error(f"{len(self.knots)} knots, but {len(self.heights)} heights")
         for k, (low, high) in enumerate(pairwise(self.knots)):
             if not low < high:
-                raise self._refused(f"knots[{k + 1}] = {high:g} does not lie above knots[{k}] = {low:g}")
+                raise self._config_error(f"knots[{k + 1}] = {high:g} does not lie above knots[{k}] = {low:g}")
         unit, largest = CHANNELS.get(self.on, ("m", MAX_RADIUS_CHANGE_M))
         for k, height in enumerate(self.heights):
             if abs(height) > largest:
-                raise self._refused(
+                raise self._config_error(
                     f"heights[{k}] = {height:g} is outside -{largest:g} to {largest:g} {unit}"
                 )
         if self.on not in CHANNELS:
             self._check_wheels()
 
-    def _refused(self, why: str) -> ConfigError:
+    def _config_error(self, why: str) -> ConfigError:
+        """Return the error, with this effect's name."""
         return ConfigError(f"effect {self.name}: {why}")
 
     def _check_wheels(self) -> None:
+        """Raise ConfigError if `on` names no wheel, or a wheel twice."""
         names = [word.removeprefix("-") for word in self.on.split()]
         for name in names:
             if name not in WHEELS:
                 known = (
                     f"wheels ({' '.join(WHEELS)}, with - for the other sign) or one of {' '.join(CHANNELS)}"
                 )
-                raise self._refused(f"on = {self.on!r} holds {name!r}, wanted are {known}")
+                raise self._config_error(f"on = {self.on!r} holds {name!r}, wanted are {known}")
         if len(set(names)) < len(names):
-            raise self._refused(f"on = {self.on!r} names a wheel twice")
+            raise self._config_error(f"on = {self.on!r} names a wheel twice")
 
     @property
     def signs(self) -> FloatArray:
-        """(4,) with which sign each wheel's radius takes part; zeros where it acts on a reading."""
+        """Return the (4,) signs with which the spline acts on each wheel's radius; zeros if on a reading."""
         out = np.zeros(4)
         if self.on not in CHANNELS:
             for word in self.on.split():
@@ -95,7 +97,7 @@ class Unknown(Effect):
         return out
 
     def unit_of(self, parameter: str) -> str:
-        """That of the covariate for the knots, of what it acts on for the heights."""
+        """Return the covariate's unit for the knots, that of wheels or reading for the heights."""
         if parameter == "knots":
             return COVARIATES[self.covariate]
         if parameter == "heights":
@@ -108,27 +110,28 @@ class Unknown(Effect):
         return np.where(np.isnan(x), 0.0, np.interp(x, self.knots, self.heights))
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the shape on its wheels."""
+        """Return the (n, 4) spline with its signs on its wheels."""
         return self.height(motion, car)[:, None] * self.signs
 
     def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) value of the spline where it acts on the receiver's speed; else zeros."""
-        return self._if("gnss_speed", motion, car)
+        return self._spline_if_on("gnss_speed", motion, car)
 
     def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) the shape, if it acts on the receiver's course."""
-        return self._if("gnss_course", motion, car)
+        """Return the (n,) spline where it acts on the receiver's course; else zeros."""
+        return self._spline_if_on("gnss_course", motion, car)
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) the shape, if it acts on the gyro."""
-        return self._if("yaw_rate", motion, car)
+        """Return the (n,) spline where it acts on the gyro; else zeros."""
+        return self._spline_if_on("yaw_rate", motion, car)
 
-    def _if(self, channel: str, motion: Motion, car: Car) -> FloatArray:
+    def _spline_if_on(self, channel: str, motion: Motion, car: Car) -> FloatArray:
+        """Return the (n,) spline if it acts on this channel, else zeros."""
         return self.height(motion, car) if self.on == channel else np.zeros(len(motion))
 
     @classmethod
     def largest(cls, on: str) -> float:
-        """Metres on wheels, the unit of a reading."""
+        """Return the largest plausible value: metres on wheels, else in the reading's unit."""
         return CHANNELS.get(on, ("m", MAX_RADIUS_CHANGE_M))[1]
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:

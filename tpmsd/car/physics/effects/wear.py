@@ -55,9 +55,9 @@ class Wear(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """On very long drives."""
+        """Return whether the drive is long enough for wear to show."""
         return float(motion.distance_m[-1]) > FAR_M
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the same on all wheels."""
+        """Return the (n, 4) change, the same on all wheels: -rate * distance."""
         return np.repeat(-self.rate * motion.distance_m[:, None], 4, axis=1)

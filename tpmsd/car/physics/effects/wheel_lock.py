@@ -46,5 +46,5 @@ class WheelLock(SlipEvent):
 
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
-        """Wheels that turn slower, by more than ordinary force makes them."""
+        """Return whether wheels turn slower by more than ordinary force makes them."""
         return slip <= -MIN_SLIP and SHORTEST_S <= duration_s <= LONGEST_S

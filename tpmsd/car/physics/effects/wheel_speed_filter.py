@@ -70,7 +70,7 @@ class WheelSpeedFilter(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a short low-pass is usual: the bus has its own."""
+        """Return the note on a low-pass as short as control units have; empty for a longer one."""
         if value - 2.0 * std > TOLERANCE_S:
             return ""
         return f"the bus smooths its wheel speeds over {value:.2f} +- {std:.2f} s; taken into account"

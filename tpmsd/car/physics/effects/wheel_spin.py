@@ -46,5 +46,5 @@ class WheelSpin(SlipEvent):
 
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
-        """Driven wheels that turn faster, by more than ordinary force makes them."""
+        """Return whether driven wheels turn faster by more than ordinary force makes them."""
         return driven and slip >= MIN_SLIP and SHORTEST_S <= duration_s <= LONGEST_S

@@ -48,7 +48,7 @@ class YawRateBias(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """No gyro reads zero on the straight."""
+        """Return the note on a bias that is usual for gyros; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE_RADPS:
             return ""
         return f"the gyro reads {value:.1e} +- {std:.1e} rad/s on the straight, as they do"

@@ -45,5 +45,5 @@ class YawRateScale(Effect):
     scale: float
 
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
-        """Truth times scale."""
+        """Return the true yaw rate times the scale."""
         return true_radps * self.scale

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, NONPARAMETRIC, groups
+from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, NONPARAMETRIC, probe_groups
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.penalties import RAMPED_PATTERNS, grid_penalty, ramp_penalty
 from tpmsd.offline.diagnosis.hypotheses.terms import (
@@ -67,7 +67,7 @@ class DriveHypotheses(Hypotheses):
 
     def _catalogue_terms(self) -> list[Term]:
         out = []
-        for group in groups():
+        for group in probe_groups():
             if any(probe.key not in self._column_of for probe in group):
                 continue
             name, pattern, at = group[0].effect, group[0].wheel_pattern, group[0].at

@@ -120,7 +120,7 @@ def radius_columns(reader: Reader) -> Columns:
             and effect is not RADIUS
             and here >= set(effect.identification.needs)
         ):
-            out.add(probe.key, reader.change(ROLLING, probe.made()) / (probe.value - probe.neutral))
+            out.add(probe.key, reader.change(ROLLING, probe.probing_effect()) / (probe.value - probe.neutral))
     return out
 
 
@@ -147,7 +147,7 @@ def _response(reader: Reader, probe: FittedParameter, base: ExtendedModel) -> Fl
     the value that it has there (the response of a low-pass of 1 s is not a multiple of that of 0.1 s)."""
     there = next((one for one in base if one.name == probe.effect), None)
     if there is None or not probe.parameter or probe.wheel_pattern or probe.at is not None:
-        return reader.change(base, probe.made()) / (probe.value - probe.neutral)
+        return reader.change(base, probe.probing_effect()) / (probe.value - probe.neutral)
     value = float(getattr(there, probe.parameter))
     step = SETTINGS.hypotheses.tangent_share * (value - probe.neutral) or probe.value - probe.neutral
     moved = replace(there, **{probe.parameter: value + step})
@@ -165,7 +165,7 @@ def grid_column(
     have these values, at `base`."""
     like = next(p for p in probes() if (p.effect, p.parameter, p.wheel_pattern) == wanted)
     probe = replace(like, at=at[0], second=at[1])
-    change = reader.change(ROLLING if base is None else base, probe.made())
+    change = reader.change(ROLLING if base is None else base, probe.probing_effect())
     return np.asarray(change / (probe.value - probe.neutral))
 
 

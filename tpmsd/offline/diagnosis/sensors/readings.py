@@ -58,7 +58,7 @@ def rows_of(reader: Reader) -> dict[str, Rows]:
 
 def response(reader: Reader, name: str, rows: Rows, probe: FittedParameter) -> FloatArray:
     """(k,) what one unit of a parameter adds to a sensor's readings."""
-    effect = probe.made()
+    effect = probe.probing_effect()
     if name == CLOCK:
         return effect.clock_error_s(rows.time_s) / (probe.value - probe.neutral)
     return reader.over_windows(_read(reader, name, effect)) / (probe.value - probe.neutral)

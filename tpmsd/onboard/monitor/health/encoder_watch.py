@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
 from tpmsd.car.rings.ring import REVOLUTION_RAD
-from tpmsd.car.rings.ripple import LOST_SHARES, OUTLIER_STDS, of_one_size, ripple_gain, robust_std
+from tpmsd.car.rings.ripple import LOST_SHARES, OUTLIER_STDS, common_amplitude_gain, ripple_gain, robust_std
 from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import AXLES, FloatArray
 from tpmsd.onboard.monitor.settings import ENCODERS
@@ -84,7 +84,7 @@ class _Axle:
         for minutes, gains in enumerate(np.cumsum(list(self._gains)[::-1], axis=0), 1):
             if minutes < ENCODERS.min_blocks:
                 continue
-            since = of_one_size(gains, minutes)
+            since = common_amplitude_gain(gains, minutes)
             for side, wheel in enumerate(self.wheels):
                 share, gain = _lost_share(since[side], since[1 - side], limits[wheel])
                 if gain >= shown[wheel]:
