@@ -1,4 +1,4 @@
-"""Effects of vehicle dynamics that users bring: taken in, checked_effect, refused with one line."""
+"""Effects of vehicle dynamics that users bring: taken in, checked, refused with one line."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class DynamicsEffect:
 
     @classmethod
     def numbers(cls) -> tuple[Parameter, ...]:
-        """Return the parameters that a fit moves."""
+        """Return the parameters that are fitted."""
         return tuple(p for p in cls.parameters if isinstance(p, Parameter) and p.probe > 0.0)
 
     @classmethod
@@ -121,7 +121,7 @@ class DynamicsEffect:
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return values of parameters that no fit moves, each of which it is looked for with."""
+        """Return the sets of values of parameters that are not fitted; the effect is tried with each."""
         return ({},)
 
     @classmethod
@@ -148,8 +148,8 @@ class DynamicsEffect:
         return 0.0
 
     def decays_per_s(self, speed_mps: FloatArray) -> dict[str, FloatArray]:
-        """Return the rate constants with which its states follow what drives them, by state, at these
-        speeds; none where its states swing, or it has none."""
+        """Return the rate constants, 1/s, of its first-order states, by state, at these speeds; empty where
+        its states swing, or it has none."""
         return {}
 
     def shift_series(self, inputs: Inputs) -> Inputs:

@@ -15,7 +15,7 @@ from tpmsd.foundation.toml_text import check_integers, parse_toml
 MAX_EFFECTS = 200
 """A model of all effects there are, for each wheel where they have one, has fewer."""
 LONGEST_WORD = 60
-"""Characters of a name, and of what is quoted_word of a longer one."""
+"""Characters of a name, and of what is shown of a longer one."""
 
 Number = float | Sequence[float]
 

@@ -42,7 +42,7 @@ class AccelerometerPosition(DynamicsEffect):
     forward_m: float = 0.0
 
     def read(self, frame: Frame) -> None:
-        """Add what the turn gives at the sensor."""
+        """Add forward_m * dr/dt to the lateral reading, -forward_m * r^2 to the longitudinal one."""
         out = frame.outputs
         out["accel_lat"] = out["accel_lat"] + self.forward_m * frame.rates["r"]
         if "accel_long" in out:

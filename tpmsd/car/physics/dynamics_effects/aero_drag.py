@@ -44,5 +44,5 @@ class AeroDrag(DynamicsEffect):
     drag_area_m2: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Add A to the car's own."""
+        """Add A to the car's drag area."""
         frame.drag_area = frame.drag_area + self.drag_area_m2

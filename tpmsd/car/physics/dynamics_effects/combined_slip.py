@@ -39,5 +39,5 @@ class CombinedSlip(DynamicsEffect):
     coefficient: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Set the share."""
+        """Set how far side forces follow the friction ellipse."""
         frame.ellipse = self.coefficient

@@ -48,5 +48,5 @@ class DriveShareError(DynamicsEffect):
         return nonlinear
 
     def adapt_car(self, frame: Frame) -> None:
-        """Move the share."""
+        """Add the error to the front share of the drive force."""
         frame.drive_front_share = frame.drive_front_share + self.relative

@@ -48,7 +48,7 @@ class HeldInputs(DynamicsEffect):
     step_s: float = 0.0
 
     def add_rates(self, frame: Frame) -> None:
-        """Take the force of half a step from the front axle."""
+        """Subtract the front force that half a step of steering adds, from dv/dt and dr/dt."""
         front = frame.stiffness[0] if frame.axles else frame.stiffness[0] + frame.stiffness[1]
         late = np.asarray(-0.5 * self.step_s * front * frame.inputs.steer_rate_radps)
         frame.rates["v"] = frame.rates["v"] + late / frame.mass

@@ -44,5 +44,5 @@ class InstantLoads(DynamicsEffect):
         return nonlinear
 
     def adapt_car(self, frame: Frame) -> None:
-        """Set the share."""
+        """Set the share of the instantaneous accelerations in load transfer."""
         frame.instant_loads = self.coefficient

@@ -47,7 +47,7 @@ class LargeAngles(DynamicsEffect):
         return not nonlinear
 
     def adapt_angles(self, frame: Frame) -> None:
-        """Take the arcs in the place of the tangents."""
+        """Replace linear slip angles by their arctangents."""
         front = (frame.v + frame.front * frame.r) / frame.u
         rear = (frame.v - frame.rear * frame.r) / frame.u
         less = np.stack(np.broadcast_arrays(front - np.arctan(front), rear - np.arctan(rear)))

@@ -44,7 +44,7 @@ class DynamicsLockedDifferential(DynamicsEffect):
     coefficient: float = 0.0
 
     def add_forces(self, frame: Frame) -> None:
-        """Turn the car straight."""
+        """Add the yaw moment against the turn."""
         share = frame.drive_front_share
         track = share * frame.track_front + (1.0 - share) * frame.track_rear
         stiff = 0.5 * self.coefficient * frame.longitudinal * track**2

@@ -69,7 +69,7 @@ class DynamicsRearAxleSteering(DynamicsEffect):
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return the ways in which the forces point."""
+        """Return the values of `directed` to try."""
         return directions(nonlinear)
 
     def adapt_angles(self, frame: Frame) -> None:

@@ -44,5 +44,5 @@ class RollingResistance(DynamicsEffect):
     coefficient: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Add c to the car's own."""
+        """Add c to the car's rolling resistance."""
         frame.rolling_resistance = frame.rolling_resistance + self.coefficient

@@ -79,6 +79,6 @@ class TyreSaturation(DynamicsEffect):
         return nonlinear
 
     def adapt_car(self, frame: Frame) -> None:
-        """Set the limit."""
+        """Set friction and the shape of the force curve."""
         frame.friction = self.friction
         frame.tyre_shape = self.shape

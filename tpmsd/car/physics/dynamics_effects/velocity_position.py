@@ -43,7 +43,7 @@ class VelocityPosition(DynamicsEffect):
     forward_m: float = 0.0
 
     def read(self, frame: Frame) -> None:
-        """Add what the turn gives at the point."""
+        """Add forward_m * r to the lateral velocity; read the side slip of the same point."""
         out = frame.outputs
         out["velocity_lat"] = out["velocity_lat"] + self.forward_m * frame.r
         out["side_slip"] = out["side_slip"] + self.forward_m * frame.r / frame.u

@@ -43,5 +43,5 @@ class WheelLoads(DynamicsEffect):
         return not nonlinear
 
     def adapt_car(self, frame: Frame) -> None:
-        """Set the share."""
+        """Set how far axle forces are sums over their two wheels' loads."""
         frame.wheel_loads = self.coefficient
