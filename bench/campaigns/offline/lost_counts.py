@@ -34,7 +34,7 @@ from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.response import radius_columns
+from tpmsd.offline.diagnosis.hypotheses.response import calibration_columns
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
@@ -152,7 +152,7 @@ def found(one: Case) -> SingleLosses | None:
     """The losses that the statistic tells beside a calibration of the four radii alone."""
     reader = Reader(one.recording, reference(one.recording))
     left = reader.windows.measured - reader.predict(ExtendedModel())
-    for wheel, column in enumerate(radius_columns(reader).arrays[:4]):
+    for wheel, column in enumerate(calibration_columns(reader).arrays[:4]):
         response, known = column[:, wheel], np.isfinite(left[:, wheel])
         value = float(response[known] @ left[known, wheel]) / float(response[known] @ response[known])
         left[:, wheel] -= value * response

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
@@ -54,7 +54,7 @@ class Paired:
 
 def examined(recording: Recording) -> FoundTerms:
     """Diagnose one recording."""
-    return examine(Regression(admitted([recording])[0]), lambda done: None)
+    return examine(Regression(admitted_readers([recording])[0]), lambda done: None)
 
 
 def paired(untouched: FoundTerms, found: FoundTerms, concealed: str, wheel: str = "") -> list[Paired]:
@@ -67,7 +67,7 @@ def paired(untouched: FoundTerms, found: FoundTerms, concealed: str, wheel: str 
         if (one.term.effect, one.term.wheel if wheel else "") != (concealed, wheel)
     ]
     white = [drive.whitened(_at_windows_of(drive, other, one.term)) for one in chosen]
-    nuisance = drive.acting(untouched.regression.hypotheses.nuisance)
+    nuisance = drive.whitened_design(untouched.regression.hypotheses.nuisance)
     out = []
     for k, one in enumerate(chosen):
         rest = [columns for j, columns in enumerate(white) if j != k]
@@ -86,7 +86,7 @@ def paired(untouched: FoundTerms, found: FoundTerms, concealed: str, wheel: str 
 def _at_windows_of(drive: DriveRegression, other: DriveRegression, term: Term) -> FloatArray:
     """(w, 9, k) the responses of a term of another regression, at the windows of a drive; zero where the
     other has none."""
-    own = other.own(term.design)
+    own = other.own_design(term.design)
     used = np.flatnonzero(np.any(own != 0.0, axis=1))
     columns = np.nan_to_num(other.columns.take(used) @ own[used])
     _, here, there = np.intersect1d(

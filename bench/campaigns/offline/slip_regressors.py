@@ -21,7 +21,7 @@ from bench.worlds.hard_drives import SETTINGS, HardDrive, instrumented, truth
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
@@ -96,12 +96,12 @@ def main(args: argparse.Namespace) -> int:
             drive = instrumented(
                 truth(args.seed, 60.0 * args.minutes, hard, setting), args.seed, setting=setting
             )
-            regression = Regression(admitted([recorded(drive, name)])[0])
+            regression = Regression(admitted_readers([recorded(drive, name)])[0])
             one = regression.drives[0]
             windows = one.reader.windows
             one.noise = fit_noise(
                 windows,
-                one.white_design(regression.hypotheses.everything),
+                one.data_and_design(regression.hypotheses.fullest_design),
                 one.noise,
                 SearchStage.FIRST,
                 one.inflate,

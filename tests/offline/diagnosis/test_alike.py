@@ -109,7 +109,7 @@ def test_a_name_is_unsure_where_a_rival_takes_the_place_of_one_of_its_values(
     data = 0.1 * forward + left_m * left + rng.standard_normal(WINDOWS * 9)
     rows = np.stack([data, 0.2 * forward, 0.4 * left, late], axis=1).reshape(WINDOWS, 9, 4)
     facts = Evidence([part(rows, np.arange(WINDOWS) // 30)], 4)
-    chosen = Selector(facts, Arm(), last=True).judged([Arm().catalogue[0]]).chosen
+    chosen = Selector(facts, Arm(), last=True).selection_of([Arm().catalogue[0]]).chosen
 
     assert (("gnss_latency",) if alike else ()) == chosen[0].confounded_with
     assert (chosen[0].confidence < 0.6) is alike

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tpmsd.offline.diagnosis.selection.alternatives import Alternative, confidence, confounded
+from tpmsd.offline.diagnosis.selection.alternatives import Alternative, confidence, confounded_effects
 
 
 def test_confidence_is_the_posterior_of_equal_priors() -> None:
@@ -42,4 +42,4 @@ def test_confounded_effects_come_by_their_gain() -> None:
         Alternative("c", "c", 0.9),
     ]
 
-    assert ("b", "a") == confounded(alternatives)
+    assert ("b", "a") == confounded_effects(alternatives)

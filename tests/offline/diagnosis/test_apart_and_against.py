@@ -12,9 +12,15 @@ import pytest
 
 from tpmsd.offline.diagnosis.assessment import lost_counts
 from tpmsd.offline.diagnosis.assessment import teeth as of_teeth
-from tpmsd.offline.diagnosis.assessment.lost_counts import lost
-from tpmsd.offline.diagnosis.assessment.simulated import CommonEffect, Differences, floored, key_of, widened
-from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
+from tpmsd.offline.diagnosis.assessment.lost_counts import low_speed_loss_findings
+from tpmsd.offline.diagnosis.assessment.simulated import (
+    CommonEffect,
+    Differences,
+    drive_independent_key,
+    floored_noise,
+    widened_design,
+)
+from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, tooth_findings
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
@@ -67,7 +73,7 @@ def test_rings_of_several_drives_are_one_by_their_weights(rings: dict[int, list[
     """Amplitudes are averaged by inverse variance, gains add up, the phase is that of the first drive."""
     rings.update({0: [ripple(2e-3, 1e-4, 30.0, 0.5)], 1: [ripple(3e-3, 2e-4, 20.0, 2.0)]})
 
-    (found,) = teeth(regression_of(2), CALIBRATION, SECONDS)
+    (found,) = tooth_findings(regression_of(2), CALIBRATION, SECONDS)
     amplitude = found.parameters["amplitude_rad"]
 
     assert (4 * 2e-3 + 3e-3) / 5 == pytest.approx(amplitude.value)
@@ -82,16 +88,16 @@ def test_a_ring_pays_for_the_drives_in_which_it_was_looked_for(rings: dict[int, 
     least = 0.5 * SETTINGS.counters.ripple_admit_nats
     rings[0] = [ripple(2e-3, 1e-4, least + 0.5 * math.log(3))]
 
-    assert 1 == len(teeth(regression_of(1), CALIBRATION, SECONDS))
-    assert [] == teeth(regression_of(3), CALIBRATION, SECONDS)
+    assert 1 == len(tooth_findings(regression_of(1), CALIBRATION, SECONDS))
+    assert [] == tooth_findings(regression_of(3), CALIBRATION, SECONDS)
 
 
 def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[int, list[Ripple]]) -> None:
     """Edge-timed speeds show runouts of hundredths of a millimetre; a tenth on a ring of 50 mm is told."""
     rings[0] = [ripple(2e-4, 3e-5)]
-    (small,) = teeth(regression_of(1), CALIBRATION, SECONDS)
+    (small,) = tooth_findings(regression_of(1), CALIBRATION, SECONDS)
     rings[0] = [ripple(2e-3, 3e-5)]
-    (large,) = teeth(regression_of(1), CALIBRATION, SECONDS)
+    (large,) = tooth_findings(regression_of(1), CALIBRATION, SECONDS)
 
     assert "ring of rr: uneven by 2.0e-04 +- 3.0e-05 rad" in ordinary_ring_note(small, speeds=True)
     assert "" == ordinary_ring_note(large, speeds=True)
@@ -100,11 +106,11 @@ def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[in
 def test_of_a_simulation_that_holds_the_ring_the_difference_is_left(rings: dict[int, list[Ripple]]) -> None:
     """A ring that both hold alike is no finding; of another size, the difference with both variances is."""
     rings.update({0: [ripple(2e-3, 3e-4)], 1: [ripple(2.1e-3, 4e-4)]})
-    similar = teeth(regression_of(2, simulation=True), CALIBRATION, SECONDS)
+    similar = tooth_findings(regression_of(2, simulation=True), CALIBRATION, SECONDS)
     rings[1] = [ripple(12e-3, 4e-4)]
-    (other,) = teeth(regression_of(2, simulation=True), CALIBRATION, SECONDS)
+    (other,) = tooth_findings(regression_of(2, simulation=True), CALIBRATION, SECONDS)
     rings[1] = []
-    (lacking,) = teeth(regression_of(2, simulation=True), CALIBRATION, SECONDS)
+    (lacking,) = tooth_findings(regression_of(2, simulation=True), CALIBRATION, SECONDS)
 
     assert [] == similar
     assert (-10e-3, 5e-4) == pytest.approx(
@@ -122,7 +128,7 @@ def test_a_miscounted_ring_is_reported_of_its_wheel_or_of_all(
     rings: dict[int, list[Ripple]], counts: tuple[float | None, ...], wheels: tuple[str, ...] | None
 ) -> None:
     """All four alike are one finding of no wheel's name; a ring as configured is none."""
-    found = teeth(regression_of(1, counts=counts), CALIBRATION, SECONDS)
+    found = tooth_findings(regression_of(1, counts=counts), CALIBRATION, SECONDS)
 
     assert ([] if wheels is None else [wheels]) == [one.where.wheels for one in found]
     assert all(44.0 == one.parameters["teeth_per_rev"].value for one in found)
@@ -140,12 +146,12 @@ def test_counts_lost_at_walking_pace_are_identified_by_the_drive_that_tells_them
         lost_counts, "low_speed_losses", lambda recording, radii_m: reported[recording.number]
     )
 
-    (found,) = lost(regression_of(4), SECONDS)
+    (found,) = low_speed_loss_findings(regression_of(4), SECONDS)
 
     assert ("rl rr", 2.2) == (found.parameters["wheels"].value, found.parameters["below_mps"].value)
     assert math.log(found.confidence / (1.0 - found.confidence)) == pytest.approx(3.0)
     assert (0.5, 2.2) == found.where.range
-    assert [] == lost(regression_of(1), SECONDS)
+    assert [] == low_speed_loss_findings(regression_of(1), SECONDS)
 
 
 def test_a_quieter_simulation_is_believed_no_further_than_a_share_of_the_recording() -> None:
@@ -156,12 +162,12 @@ def test_a_quieter_simulation_is_believed_no_further_than_a_share_of_the_recordi
         QUIET, speed_mps=0.01 * share, speed_memory=0.1, slow_m=5.0, slow_tau_s=9.0, reading_m=(1e-9,) * 4
     )
 
-    raised = floored(simulated, recorded)
+    raised = floored_noise(simulated, recorded)
 
     assert (share * 0.1, 0.7) == (raised.speed_mps, raised.speed_memory)
     assert (5.0, 9.0) == (raised.slow_m, raised.slow_tau_s)
     assert (share * 1e-3,) * 4 == raised.reading_m
-    assert recorded == floored(recorded, recorded)
+    assert recorded == floored_noise(recorded, recorded)
 
 
 def test_what_both_hold_is_fitted_behind_the_calibration_and_differences_are_the_recordings() -> None:
@@ -187,11 +193,11 @@ def test_what_both_hold_is_fitted_behind_the_calibration_and_differences_are_the
     assert (20, 12) == hypotheses.nuisance.shape
     assert [0] == [one.drive for one in hypotheses.catalogue]
     assert [0] == [one.drive for one in hypotheses.splines]
-    assert key_of(catalogue[0]) == key_of(catalogue[2]) != common[0].key
+    assert drive_independent_key(catalogue[0]) == drive_independent_key(catalogue[2]) != common[0].key
 
 
 def test_a_design_is_widened_by_columns_that_take_no_part() -> None:
     """Zeros at the end; what it was stays."""
     design = np.arange(6.0).reshape(3, 2)
 
-    assert np.array_equal(np.concatenate([design, np.zeros((2, 2))]), widened(design, 5))
+    assert np.array_equal(np.concatenate([design, np.zeros((2, 2))]), widened_design(design, 5))

@@ -15,7 +15,7 @@ from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.plausible import limits_of
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, CarLimits, Hypotheses, Term
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.confirm import _receivers_own
+from tpmsd.offline.diagnosis.robustness.confirm import _with_instrument_effects
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.least_squares import Evidence, part
 
@@ -190,9 +190,9 @@ def test_an_old_fix_that_may_be_an_old_speed_is_the_receivers_own(own_nats: floa
     responses = 300.0 * np.stack([u[:, 0], u[:, 0] + position / (300.0 * LAG_S) * u[:, 1]], axis=1)
     given = Given(3, [lag, latency], [])
     made = noiseless(LAG_S * responses[:, 1], responses)
-    selection = Selector(made, given, last=True).judged([latency])
+    selection = Selector(made, given, last=True).selection_of([latency])
     regression = SimpleNamespace(hypotheses=given)
-    found = _receivers_own(cast(Regression, regression), selection, made)
+    found = _with_instrument_effects(cast(Regression, regression), selection, made)
 
     assert [named] == [one.term.effect for one in found.chosen]
 

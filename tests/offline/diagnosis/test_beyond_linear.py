@@ -9,9 +9,9 @@ from bench.worlds.kinematic import Spec
 from tests.offline.diagnosis.recorded import recording_of
 from tests.offline.diagnosis.test_found_by_name import driven, smoothed
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.beyond_linear import beyond_linear, needed_exactly
+from tpmsd.offline.diagnosis.refinement.beyond_linear import gain_beyond_linear, prune_by_exact_responses
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
 from tpmsd.offline.inference.noise_fit import SearchStage
@@ -33,14 +33,14 @@ def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
 @pytest.mark.parametrize(("time_constant_s", "stay"), [(0.0, {LAG}), (1.0, {LAG, SMOOTHING})])
 def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float, stay: set[str]) -> None:
     """Linearised, a lag of 0.4 s looks like one of 0.26 s with a low-pass; one of 1 s is there."""
-    regression = Regression(admitted([late(0.4, time_constant_s)])[0])
-    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    regression = Regression(admitted_readers([late(0.4, time_constant_s)])[0])
+    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     evidence = regression.evidence()
     both = [term for term in regression.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
-    linear = Selector(evidence, regression.hypotheses).judged(both)
+    linear = Selector(evidence, regression.hypotheses).selection_of(both)
     assert {LAG, SMOOTHING} == {one.term.effect for one in linear.chosen}
 
-    assert stay == {one.term.effect for one in needed_exactly(regression, linear, evidence).chosen}
+    assert stay == {one.term.effect for one in prune_by_exact_responses(regression, linear, evidence).chosen}
 
 
 def test_a_long_lag_is_reported_with_its_size() -> None:
@@ -58,8 +58,8 @@ def test_a_long_lag_is_reported_with_its_size() -> None:
 
 def test_what_is_beyond_the_linear_is_what_the_forward_model_says() -> None:
     """Of a lag that acts, its shift explains what its slope leaves; of a low-pass in its place, less."""
-    regression = Regression(admitted([late(0.4)])[0])
-    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    regression = Regression(admitted_readers([late(0.4)])[0])
+    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     evidence = regression.evidence()
     lag, smoothing = (
         next(term for term in regression.hypotheses.catalogue if term.effect == name)
@@ -67,14 +67,15 @@ def test_what_is_beyond_the_linear_is_what_the_forward_model_says() -> None:
     )
     selector = Selector(evidence, regression.hypotheses)
     exactly = {
-        term: selector.gain([term]) + beyond_linear(regression, selector, [term]) for term in (lag, smoothing)
+        term: selector.gain([term]) + gain_beyond_linear(regression, selector, [term])
+        for term in (lag, smoothing)
     }
     judged = [
-        Selector(evidence, regression.hypotheses, beyond=more).judged([lag]).chosen[0]
-        for more in (lambda terms: 0.0, lambda terms: beyond_linear(regression, selector, terms))
+        Selector(evidence, regression.hypotheses, beyond=more).selection_of([lag]).chosen[0]
+        for more in (lambda terms: 0.0, lambda terms: gain_beyond_linear(regression, selector, terms))
     ]
 
-    assert beyond_linear(regression, selector, []) == pytest.approx(0.0, abs=1e-6)
-    assert beyond_linear(regression, selector, [lag]) > 20.0
+    assert gain_beyond_linear(regression, selector, []) == pytest.approx(0.0, abs=1e-6)
+    assert gain_beyond_linear(regression, selector, [lag]) > 20.0
     assert exactly[lag] > exactly[smoothing] + 20.0
     assert judged[0].confidence <= judged[1].confidence

@@ -18,21 +18,21 @@ from tpmsd.offline.diagnosis.assessment.result import Quantity, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, examine
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
+from tpmsd.offline.diagnosis.prepared.drive_regression import initial_noise
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.p_value import (
+    counted_p_value,
     discoveries,
-    enough,
     estimate_p_value,
-    p_value,
+    is_decided,
     tail_probability,
 )
-from tpmsd.offline.diagnosis.robustness.verdict import without
+from tpmsd.offline.diagnosis.robustness.verdict import without_suspicions
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, part
@@ -93,7 +93,7 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     """
     made = drive(Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96), 12)
     plain = recording_of(made)
-    readers, notes = admitted([_of_strange_tyres(made, plain)])
+    readers, notes = admitted_readers([_of_strange_tyres(made, plain)])
     regression, selection, evidence = examine(Regression(readers), lambda share: None)
     noisy = dataclasses.replace(report(regression, selection, evidence, notes), model_rms=10.0)
     again = certified(regression, selection, evidence, noisy, 7, np.random.default_rng(1)).findings[0]
@@ -118,7 +118,7 @@ def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPa
     physics: dict[str, dict[str, object]] = {"gnss_latency": {"latency_s": 0.2}}
     spec = Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96, physics=physics)
     made = drive(spec, 12)
-    readers, notes = admitted([_of_strange_tyres(made, recording_of(made))])
+    readers, notes = admitted_readers([_of_strange_tyres(made, recording_of(made))])
     regression, selection, evidence = examine(Regression(readers), lambda share: None)
     before = report(regression, selection, evidence, notes)
     sure = certified(regression, selection, evidence, before, 1, np.random.default_rng(1)).findings
@@ -130,9 +130,9 @@ def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPa
         models.extend(drawn)
         return [[0.0] * 7 for _ in statistics]
 
-    monkeypatch.setattr(certify, "_drawn", seven)
+    monkeypatch.setattr(certify, "_statistics_of_replicates", seven)
     often = [estimate_p_value(0.0, [1.0] * 7) for _ in before.findings]
-    again = certify._without_splines(
+    again = certify._p_values_without_splines(
         regression, selection, evidence, before.findings, often, 1.0, 7, np.random.default_rng(1)
     )
     (late,) = (k for k, one in enumerate(before.findings) if one.effect == "gnss_latency")
@@ -163,7 +163,7 @@ def test_a_replicate_is_the_drive_with_new_errors(recording: Recording) -> None:
     """Its residuals scatter as the noise says that they were drawn from, channel by channel."""
     reader = Reader(recording, reference(recording))
     noise = dataclasses.replace(
-        first_noise(reader), gyro_radps=4e-3, speed_mps=0.2, cross_mps=0.1, slow_m=3.0, rough_m=2e-3
+        initial_noise(reader), gyro_radps=4e-3, speed_mps=0.2, cross_mps=0.1, slow_m=3.0, rough_m=2e-3
     )
     again = replicate(reader, ExtendedModel(), noise, np.random.default_rng(2))
     windows = Reader(again, reader.reference).windows
@@ -192,7 +192,7 @@ def test_a_replicate_of_a_car_far_off_holds_chance_alone(recording: Recording) -
     nothing = ExtendedModel()
     drawn = replicate(drive.reader, nothing, drive.noise, np.random.default_rng(4))
 
-    evidence = Evidence([drive.repeated(drawn, nothing).part()], regression.width)
+    evidence = Evidence([drive.of_replicate(drawn, nothing).drive_grams()], regression.width)
 
     best, _ = Candidates(evidence, regression.hypotheses).candidates([])[0]
     assert best < SETTINGS.selection.admit_nats
@@ -233,8 +233,8 @@ def test_p_values_with_early_stopping_are_those_of_ranks(most: int) -> None:
             beyond = Fraction(k + 1, drawn + 2)
             for reached, share in ((k + 1, beyond), (k, 1 - beyond)):
                 maxima = [1.0] * reached + [-1.0] * (drawn + 1 - reached)
-                if (enough(0.0, maxima) and reached > k) or drawn + 1 == most:
-                    reported = Fraction(p_value(0.0, maxima)[0]).limit_denominator(1000)
+                if (is_decided(0.0, maxima) and reached > k) or drawn + 1 == most:
+                    reported = Fraction(counted_p_value(0.0, maxima)[0]).limit_denominator(1000)
                     at[reported] = at.get(reported, Fraction(0)) + chances * share
                 else:
                     further[reached] = further.get(reached, Fraction(0)) + chances * share
@@ -309,7 +309,7 @@ def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: R
     )
 
     calm = negative_control(found.regression, found.selection)
-    assert calm < 0.0 < negative_control(found.regression.under({0: small}), found.selection)
+    assert calm < 0.0 < negative_control(found.regression.with_noise({0: small}), found.selection)
 
 
 def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: RollingDiagnosis) -> None:
@@ -323,8 +323,10 @@ def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: RollingDiagn
     )
     other = dataclasses.replace(doubtful, parameters={"coefficient": Quantity(3e-4, None, "s2")})
 
-    assert ["gnss_latency"] == [effect.name for effect in without(model, [doubtful, other, finding])]
-    assert 2 == len(without(model, [finding, other]))
+    assert ["gnss_latency"] == [
+        effect.name for effect in without_suspicions(model, [doubtful, other, finding])
+    ]
+    assert 2 == len(without_suspicions(model, [finding, other]))
 
 
 def test_gains_are_studentised_by_what_blocks_scatter() -> None:
@@ -341,7 +343,9 @@ def test_gains_are_studentised_by_what_blocks_scatter() -> None:
     search = Candidates(evidence, _nothing_but_calibration(evidence))
     terms = [Term("gnss_latency", evidence.unit(k), ("latency_s",), 3.5) for k in (1, 2)]
     nets = [search.gain([term]) - term.penalty for term in terms]
-    similar, independent = (search.studentised([], term, net) for term, net in zip(terms, nets, strict=True))
+    similar, independent = (
+        search.studentised_gain([], term, net) for term, net in zip(terms, nets, strict=True)
+    )
 
     assert nets[0] > 3.0 * nets[1]
     assert independent == pytest.approx(nets[1], rel=0.5)

@@ -15,11 +15,11 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.interfaces.cli.diagnose import read_recording
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness import change_or_drift
-from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
-from tpmsd.offline.diagnosis.robustness.confirm import confirmed
+from tpmsd.offline.diagnosis.robustness.change_or_drift import add_radius_change, add_velocity_error
+from tpmsd.offline.diagnosis.robustness.confirm import remove_terms_of_slow_noise
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.noise_fit import VELOCITY, refit, refit_radius_drift
@@ -45,10 +45,10 @@ def drifting(changed_m: float, last_m: float = 0.0) -> Recording:
 
 def drift_alone(recording: Recording) -> FoundTerms:
     """A recording under the drift that is likeliest without a change, with nothing chosen."""
-    readers, _ = admitted([recording])
+    readers, _ = admitted_readers([recording])
     regression = Regression(readers)
     car, windows = regression.drives[0], readers[0].windows
-    plain = car.white_design(regression.hypotheses.nuisance)
+    plain = car.data_and_design(regression.hypotheses.nuisance)
     car.noise = refit_radius_drift(windows, plain, replace(car.noise, radius_drift=1e-3), None)
     return nothing_chosen(regression)
 
@@ -56,7 +56,9 @@ def drift_alone(recording: Recording) -> FoundTerms:
 def nothing_chosen(regression: Regression) -> FoundTerms:
     """A regression with nothing chosen."""
     evidence = regression.evidence()
-    return FoundTerms(regression, Selector(evidence, regression.hypotheses, last=True).judged([]), evidence)
+    return FoundTerms(
+        regression, Selector(evidence, regression.hypotheses, last=True).selection_of([]), evidence
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,21 +73,21 @@ def test_a_change_of_a_radius_is_distinguished_from_drift(
     """
     alone = drift_alone(drifting(changed_m, last_m))
 
-    found = changed(alone, alone.selection)
+    found = add_radius_change(alone, alone.selection)
 
     assert wheels == [one.term.wheel for one in found.selection.chosen]
-    assert () == confirmed(found).selection.chosen
+    assert () == remove_terms_of_slow_noise(found).selection.chosen
 
 
 def test_a_change_that_was_chosen_earlier_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is added with its own values, where the grid of changes offers none that is as likely."""
     alone = drift_alone(drifting(-3e-3))
-    first = changed(alone, alone.selection)
-    alone = nothing_chosen(first.regression.under({0: alone.regression.drives[0].noise}))
-    monkeypatch.setattr(change_or_drift, "_likeliest", lambda regression, terms, drifting: None)
+    first = add_radius_change(alone, alone.selection)
+    alone = nothing_chosen(first.regression.with_noise({0: alone.regression.drives[0].noise}))
+    monkeypatch.setattr(change_or_drift, "_likeliest_change", lambda regression, terms, drifting: None)
 
-    again = changed(alone, first.selection).selection
-    none = changed(alone, alone.selection).selection
+    again = add_radius_change(alone, first.selection).selection
+    none = add_radius_change(alone, alone.selection).selection
 
     assert [one.term.key for one in again.chosen] == [one.term.key for one in first.selection.chosen] != []
     assert none.chosen == ()
@@ -105,7 +107,7 @@ def test_a_set_gains_the_terms_that_its_change_goes_with_and_loses_those_it_does
     lever_arm = next(term for term in regression.hypotheses.catalogue if term.effect == "antenna_lever_arm")
     selector = Selector(alone.evidence, regression.hypotheses, last=True)
 
-    effects = {term.effect for term in change_or_drift._climbed(selector, [change, lever_arm], [])}
+    effects = {term.effect for term in change_or_drift._stepwise_best_set(selector, [change, lever_arm], [])}
 
     assert {"radius_change", "gnss_latency"} <= effects
     assert "antenna_lever_arm" not in effects
@@ -122,7 +124,7 @@ def test_what_other_terms_of_a_set_bring_is_no_merit_of_its_change() -> None:
     models = change_or_drift._WholeModels(alone.regression)
 
     assert models.score([change, age]) > models.score([])
-    assert (models, []) == change_or_drift._with_its_terms(models, [[change, age]], [], [])
+    assert (models, []) == change_or_drift._likeliest_set(models, [[change, age]], [], [])
 
 
 @pytest.mark.parametrize(
@@ -166,14 +168,14 @@ def along_a_motorway(north_mps: float) -> Recording:
 @pytest.mark.parametrize("north_mps", [0.0, 0.05])
 def test_a_constant_velocity_error_is_distinguished_from_slow_noise_of_the_speed(north_mps: float) -> None:
     """The noise estimated without it holds a part of it: under its own noise it brings half as much again."""
-    readers, _ = admitted([along_a_motorway(north_mps)])
+    readers, _ = admitted_readers([along_a_motorway(north_mps)])
     regression = Regression(readers)
     car, windows = regression.drives[0], readers[0].windows
-    car.noise = refit(windows, car.white_design(regression.hypotheses.nuisance), car.noise, None, VELOCITY)
+    car.noise = refit(windows, car.data_and_design(regression.hypotheses.nuisance), car.noise, None, VELOCITY)
     evidence = regression.evidence()
     selector = Selector(evidence, regression.hypotheses, last=True)
 
-    found = erring(FoundTerms(regression, selector.judged([]), evidence)).selection.chosen
+    found = add_velocity_error(FoundTerms(regression, selector.selection_of([]), evidence)).selection.chosen
 
     assert (["doppler_heading_error"] if north_mps else []) == [one.term.effect for one in found]
     for one in found:

@@ -94,5 +94,5 @@ def test_what_has_no_reading_has_no_size() -> None:
 )
 def test_an_effect_with_a_search_of_its_own_has_no_smallest_size(name: str) -> None:
     """Ramps, spans, teeth, counts, readings, descriptions and nuisances have no column that gives one."""
-    assert not detectable._is_asked_for(EFFECTS[name])
-    assert detectable._is_asked_for(EFFECTS["centrifugal_growth"])
+    assert not detectable._has_detectable_size(EFFECTS[name])
+    assert detectable._has_detectable_size(EFFECTS["centrifugal_growth"])

@@ -20,7 +20,7 @@ def test_a_gyro_that_warms_has_no_constant_bias(monkeypatch: pytest.MonkeyPatch)
     """Its walk was estimated so fast that only a constant was left of it, named with confidence 1."""
     recording = recording_of(drive(Spec(duration_s=650.0, road="rural", physics=WARMING), 4))
     findings = diagnose([recording]).findings
-    monkeypatch.setattr(whole, "drifting", lambda found: found)
+    monkeypatch.setattr(whole, "add_gyro_drift", lambda found: found)
     without = diagnose([recording]).findings
 
     assert [("unknown", "yaw_rate")] == [(one.effect, one.where.channel) for one in findings]

@@ -30,7 +30,10 @@ def test_a_description_takes_an_effects_place_by_what_its_scatter_leaves(
     made = noiseless(data, 1e5 * u[:, :1] @ [[1.0, 0.0]] + 1e5 * free[:, None] @ [[0.0, 1.0]])
     selector = Selector(made, Given(3, [effect], [spline]))
     monkeypatch.setattr(
-        selector, "ratio", lambda terms, which: scatter if terms[which].nonparametric else 1.0, raising=True
+        selector,
+        "variance_ratio",
+        lambda terms, which: scatter if terms[which].nonparametric else 1.0,
+        raising=True,
     )
 
     for first in (effect, spline):
@@ -46,6 +49,8 @@ def test_an_effect_takes_a_descriptions_place_by_its_gain_alone(monkeypatch: pyt
     data = math.sqrt(2.0 * NATS) * u[:, 0]
     made = noiseless(data, 1e5 * u[:, :1] @ [[1.0, 0.0]] + 1e5 * free[:, None] @ [[0.0, 1.0]])
     selector = Selector(made, Given(3, [effect], [spline]))
-    monkeypatch.setattr(selector, "ratio", lambda terms, which: 1.0 if terms[which].nonparametric else 3.0)
+    monkeypatch.setattr(
+        selector, "variance_ratio", lambda terms, which: 1.0 if terms[which].nonparametric else 3.0
+    )
 
     assert ["load_transfer_lateral"] == [term.effect for term in selector._exchange([spline])]

@@ -14,8 +14,8 @@ from tests.offline.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.result import RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.hypotheses.response import catalogue_columns, radius_columns
-from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
+from tpmsd.offline.diagnosis.hypotheses.response import calibration_columns, catalogue_columns
+from tpmsd.offline.diagnosis.prepared.drive_regression import initial_noise
 from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import whiten
@@ -39,8 +39,10 @@ def growth(seed: int) -> float:
     columns = catalogue_columns(reader)
     at = columns.index()[("centrifugal_growth", "coefficient")]
     residual = reader.windows.measured - reader.predict(ExtendedModel())
-    rows = (ColumnStack(residual) + radius_columns(reader).stack + ColumnStack(columns.stack[at])).whole()
-    noise = replace(first_noise(reader), slow_m=1.2, slow_tau_s=40.0, radius_drift=1e-6)
+    rows = (
+        ColumnStack(residual) + calibration_columns(reader).stack + ColumnStack(columns.stack[at])
+    ).whole()
+    noise = replace(initial_noise(reader), slow_m=1.2, slow_tau_s=40.0, radius_drift=1e-6)
     white, _ = whiten(reader.windows, noise, rows)
     flat = white.reshape(-1, rows.shape[2])
     return float(np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=None)[0][-1])

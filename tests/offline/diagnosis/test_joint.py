@@ -14,7 +14,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.prepared.admission import bounded, fair_shares
+from tpmsd.offline.diagnosis.prepared.admission import fair_shares, limited_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.inference.least_squares import Evidence, part
 from tpmsd.offline.inference.recording import Recording
@@ -103,7 +103,7 @@ def test_of_too_much_driving_every_drive_keeps_stretches_all_over() -> None:
     """Of 200 windows the short drive gets all it has, and the long one's share begins at its start."""
     drives = [recorded("long", 61, 400.0), recorded("short", 62, 100.0)]
     readers = [Reader(one, reference(one)) for one in drives]
-    (long, short), notes = bounded(readers, windows=200)
+    (long, short), notes = limited_readers(readers, windows=200)
     index, whole = long.windows.index, readers[0].windows.index
 
     assert len(readers[1].windows) == len(short.windows)
@@ -112,7 +112,7 @@ def test_of_too_much_driving_every_drive_keeps_stretches_all_over() -> None:
     assert [
         f"long: of {len(whole)} s of driving, {len(index)} s in stretches spread over the drive were examined"
     ] == notes
-    assert ["a", "b"] == [one.recording.name for one in bounded(_named("a", "b", "c"), drives=2)[0]]
+    assert ["a", "b"] == [one.recording.name for one in limited_readers(_named("a", "b", "c"), drives=2)[0]]
 
 
 def _named(*names: str) -> list[Reader]:
@@ -125,7 +125,7 @@ def test_the_first_noise_of_several_drives_is_estimated_beside_nothing_rare() ->
     """As that of one drive is: the fullest model leaves what few drives show."""
     hypotheses = Regression(_named("a", "b")).hypotheses
     rare = [t for t in hypotheses.catalogue if t.kind_of.confounding.rare and t.design.shape[1] == 1]
-    fullest = hypotheses.everything
+    fullest = hypotheses.fullest_design
 
     assert rare
     for term in rare:

@@ -11,11 +11,11 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.refine import exact
+from tpmsd.offline.diagnosis.refinement.refine import exact_term
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
-from tpmsd.offline.diagnosis.robustness.receiver_outliers import jump_evidence, lasting
+from tpmsd.offline.diagnosis.robustness.receiver_outliers import jump_evidence, remove_receiver_events
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
 from tpmsd.offline.inference.least_squares import Evidence
@@ -57,9 +57,11 @@ def erring(recording: Recording) -> Recording:
 
 def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Regression, Evidence, Term]:
     """A drive under the noise that it has without what happens, and the event that shows most."""
-    usual, regression = (Regression(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
+    usual, regression = (
+        Regression(admitted_readers([one])[0]) for one in (two_wheels(), happens(two_wheels()))
+    )
     usual = estimated(usual, usual.hypotheses.nuisance, SearchStage.SECOND)
-    regression = regression.under({0: usual.drives[0].noise})
+    regression = regression.with_noise({0: usual.drives[0].noise})
     evidence = regression.evidence()
     gram, b = evidence.projected(regression.hypotheses.nuisance)
     events = [entry for entry in regression.hypotheses.pulse_gains(gram, b) if entry[1].pattern == "rear"]
@@ -76,7 +78,7 @@ def test_slip_that_only_the_receiver_shows_must_last(
     regression, evidence, event = looked_at(happens)
     selector = Selector(evidence, regression.hypotheses, last=True)
 
-    found = lasting(FoundTerms(regression, selector.judged([event]), evidence))
+    found = remove_receiver_events(FoundTerms(regression, selector.selection_of([event]), evidence))
 
     assert stands == (len(found.selection.chosen) == 1)
 
@@ -88,11 +90,11 @@ def test_where_an_event_goes_the_rest_is_chosen_again() -> None:
         return replace(erring(recording), fix_time_s=recording.fix_time_s + 0.2)
 
     regression, evidence, event = looked_at(late)
-    event = exact(regression, evidence, regression.hypotheses.nuisance, event)
+    event = exact_term(regression, evidence, regression.hypotheses.nuisance, event)
     evidence = regression.evidence()
-    before = Selector(evidence, regression.hypotheses, last=True).judged([event])
+    before = Selector(evidence, regression.hypotheses, last=True).selection_of([event])
 
-    found = lasting(FoundTerms(regression, before, evidence))
+    found = remove_receiver_events(FoundTerms(regression, before, evidence))
 
     assert [event.effect] == [one.term.effect for one in before.chosen]
     assert ["gnss_latency"] == [one.term.effect for one in found.selection.chosen]
@@ -104,8 +106,8 @@ def test_the_wheels_speed_separates_slip_from_an_error_of_the_receiver(
 ) -> None:
     """Wheels that spin jump in their own speed; a receiver that errs leaves the wheels smooth."""
     regression, evidence, event = looked_at(happens)
-    event = exact(regression, evidence, regression.hypotheses.nuisance, event)
-    (one,) = Selector(regression.evidence(), regression.hypotheses).judged([event]).chosen
+    event = exact_term(regression, evidence, regression.hypotheses.nuisance, event)
+    (one,) = Selector(regression.evidence(), regression.hypotheses).selection_of([event]).chosen
 
     nats = jump_evidence(regression.drives[0], one)
 

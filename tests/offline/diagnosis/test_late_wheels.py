@@ -13,10 +13,10 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
-from tpmsd.offline.diagnosis.refinement.damped import damped
+from tpmsd.offline.diagnosis.refinement.beyond_linear import prune_by_exact_responses
+from tpmsd.offline.diagnosis.refinement.damped import damped_values
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
@@ -67,29 +67,29 @@ def test_what_cancels_to_first_order_must_act_as_it_says() -> None:
     rough = plain.rotation_rad + 0.1 * plain.dt_s * np.random.default_rng(2).normal(size=shape)
     blind = {**plain.inertial, "yaw_rate_radps": np.full(plain.ticks, np.nan)}
     recording = replace(plain, rotation_rad=rough, quantum_rad=np.zeros(4), inertial=blind)
-    regression = Regression(admitted([recording])[0])
-    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    regression = Regression(admitted_readers([recording])[0])
+    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     selector = Selector(regression.evidence(), regression.hypotheses, last=True)
-    regression = relinearised(regression, selector.judged([]))
+    regression = relinearised(regression, selector.selection_of([]))
     evidence = regression.evidence()
     selector = Selector(evidence, regression.hypotheses, last=True)
     pair = [one for one in regression.hypotheses.catalogue if one.effect in (FILTER, "gnss_latency")]
-    linear = selector.judged(pair)
+    linear = selector.selection_of(pair)
     assert 2 == len(linear.chosen)
 
-    assert () == needed_exactly(regression, linear, evidence, last=True).chosen
+    assert () == prune_by_exact_responses(regression, linear, evidence, last=True).chosen
 
 
 def test_a_step_is_no_longer_than_the_exact_likelihood_allows() -> None:
     """Of a fit three times as far as the low-pass of 0.3 s, half is taken, or a quarter."""
-    regression = Regression(admitted([smoothed(5, 0.3, 0.0)])[0])
-    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    regression = Regression(admitted_readers([smoothed(5, 0.3, 0.0)])[0])
+    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     term = next(one for one in regression.hypotheses.catalogue if one.effect == FILTER)
-    fair = Selector(regression.evidence(), regression.hypotheses).judged([term])
+    fair = Selector(regression.evidence(), regression.hypotheses).selection_of([term])
     far = replace(fair, fit=replace(fair.fit, values=3.0 * fair.fit.values))
-    shorter = damped(regression, far)
+    shorter = damped_values(regression, far)
 
-    assert damped(regression, fair) is None
+    assert damped_values(regression, fair) is None
     assert shorter is not None
     assert shorter[-1] == pytest.approx(0.5 * far.fit.values[-1]) or shorter[-1] == pytest.approx(
         0.25 * far.fit.values[-1]

@@ -12,7 +12,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import make_effect, probe_groups
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import most_significant_shape, refine
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -38,11 +38,11 @@ def test_a_lag_off_the_grid_shapes_all_values_of_its_effect() -> None:
     """A sunny side behind 220 s, between two of the grid's lags: lag and both values within their standard
     deviations, and nothing beside it."""
     recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_drift=0.0), 8))
-    base = Regression(admitted([recording])[0]).drives[0].reader
+    base = Regression(admitted_readers([recording])[0]).drives[0].reader
     truth = make_effect("sun_side", east_m=6e-4, north_m=-4e-4, lag_s=220.0)
     change = truth.radius_change_m(base.reference.motion, base.reference.car)
     turns = recording.rotation_rad / (1.0 + change[: recording.ticks] / recording.car.radius_m)
-    regression = Regression(admitted([replace(recording, rotation_rad=turns)])[0])
+    regression = Regression(admitted_readers([replace(recording, rotation_rad=turns)])[0])
     evidence = regression.evidence()
 
     assert refine(regression, Selector(evidence, regression.hypotheses).select(1), evidence, again=True)
@@ -63,7 +63,7 @@ def test_a_spline_over_time_keeps_its_knots() -> None:
     recording = recording_of(drive(Spec(duration_s=200.0, road="rural"), 6))
     swing = 6e-3 * np.sin(2.0 * np.pi * recording.edges_s[:-1] / 90.0)
     turns = recording.rotation_rad * (1.0 + swing[:, None] * np.array([0.0, 0.0, 1.0, 0.0]))
-    regression = Regression(admitted([replace(recording, rotation_rad=turns)])[0])
+    regression = Regression(admitted_readers([replace(recording, rotation_rad=turns)])[0])
 
     term = most_significant_shape(regression, regression.evidence(), regression.hypotheses.nuisance)
 

@@ -10,20 +10,20 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
+from tpmsd.offline.diagnosis.assessment.explanatory import slip_gains
 from tpmsd.offline.diagnosis.assessment.result import CONSISTENT
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.finer_knots import best_knots, finest_shape
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
-from tpmsd.offline.diagnosis.reporting.findings import evidence_gain, report
+from tpmsd.offline.diagnosis.reporting.findings import heldout_gain_of_term, report
 from tpmsd.offline.diagnosis.reporting.location import location_of, where_of, whole_range
-from tpmsd.offline.diagnosis.reporting.traces import ground, traces
+from tpmsd.offline.diagnosis.reporting.traces import drive_map, traces
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
-from tpmsd.offline.diagnosis.robustness.gyro_drift import DRIFTS, drifting
+from tpmsd.offline.diagnosis.robustness.gyro_drift import DRIFTS, add_gyro_drift
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -36,7 +36,7 @@ SECONDS = 300.0
 @pytest.fixture(scope="module")
 def base() -> Regression:
     """A null drive on a rural road, under the noise that an estimate starts with."""
-    readers, notes = admitted([recording_of(drive(Spec(duration_s=SECONDS, road="rural"), 4))])
+    readers, notes = admitted_readers([recording_of(drive(Spec(duration_s=SECONDS, road="rural"), 4))])
     assert () == notes
     return Regression(readers)
 
@@ -53,7 +53,7 @@ def injected(base: Regression, columns: FloatArray) -> Regression:
 
 def chosen(regression: Regression, *terms: Term) -> Selection:
     """The terms, judged."""
-    return Selector(regression.evidence(), regression.hypotheses).judged(list(terms))
+    return Selector(regression.evidence(), regression.hypotheses).selection_of(list(terms))
 
 
 def shape(regression: Regression, pattern: str, covariate: str) -> Term:
@@ -78,7 +78,7 @@ def test_a_slip_explains_what_least_squares_with_its_columns_take_away(base: Reg
     """The gain is half the drop of the residual's sum of squares, calibration fitted before and after."""
     evidence = base.evidence()
     (one,) = base.drives
-    reported = {entry.variable: entry for entry in explanatory(base, [], evidence)}
+    reported = {entry.variable: entry for entry in slip_gains(base, [], evidence)}
     y, X = (
         rows(base, np.eye(base.width, 1))[:, 0],
         rows(base, base.hypotheses.nuisance),
@@ -99,7 +99,7 @@ def test_the_new_origin_does_not_depend_on_the_radii_that_were_configured(off: f
     found_m = []
     for factor in (1.0, 1.0 + off):
         car = replace(recording.car, radius_m=recording.car.radius_m * factor)
-        regression = Regression(admitted([replace(recording, car=car)])[0])
+        regression = Regression(admitted_readers([replace(recording, car=car)])[0])
         moved = relinearised(regression, chosen(regression))
         found_m.append(moved.drives[0].reader.reference.car.radius_m)
 
@@ -134,7 +134,7 @@ def test_a_narrow_dip_takes_finer_knots_than_none(base: Regression) -> None:
 
 def test_a_ramp_stands_from_its_onset_to_the_end_of_the_drive(base: Regression) -> None:
     """A change of the left rear radius between 100 and 140 s lasts; all wheels being read, ratios show it."""
-    term = base.hypotheses.ramp("rl", 0)
+    term = base.hypotheses.ramp_term("rl", 0)
     term = replace(term, span_s=(100.0, 140.0))
     one = Chosen(term, 9.0, 9.0, 9.0, 1.0, (), np.array([1e-3]), np.array([1e-4]))
 
@@ -197,7 +197,7 @@ def test_the_map_shows_places_as_measured_and_what_the_model_gained_there(base: 
     ]
     gain = 0.5 * (squares[0] - squares[1])
 
-    found = ground(regression, selection, evidence)
+    found = drive_map(regression, selection, evidence)
 
     assert found is not None
     measured = one.reader.windows.measured[:, NORTH]
@@ -227,7 +227,7 @@ def test_a_term_without_an_effect_gains_nothing_on_data_left_out(base: Regressio
     (one,) = base.drives
     regression = injected(base, 0.02 * one.columns.take(one.local) @ term.design[:, 2])
     without, with_it = (
-        evidence_gain(Selector(one.evidence(), one.hypotheses), [], term) for one in (base, regression)
+        heldout_gain_of_term(Selector(one.evidence(), one.hypotheses), [], term) for one in (base, regression)
     )
 
     assert without < 0.0
@@ -240,10 +240,10 @@ def test_what_is_tried_under_another_noise_leaves_the_regression_as_it_is(base: 
     regression = base.copied()
     (one,) = regression.drives
     before, noise = regression.evidence().total, one.noise
-    tried = one.under(replace(noise, rough_m=2.0 * noise.rough_m))
-    weighed = one.under(inflate=np.full(one.columns.shape[:2], 4.0))
+    tried = one.with_noise(replace(noise, rough_m=2.0 * noise.rough_m))
+    weighed = one.with_noise(inflate=np.full(one.columns.shape[:2], 4.0))
 
-    totals = [regression.trial([other]).evidence().total for other in (tried, weighed)]
+    totals = [regression.with_drives([other]).evidence().total for other in (tried, weighed)]
 
     assert noise == one.noise
     assert one.inflate is None
@@ -267,9 +267,9 @@ def test_a_gyro_that_walks_as_usual_is_not_asked_and_another_gets_its_noise_back
     (one,) = regression.drives
     nothing, evidence = chosen(regression), regression.evidence()
     for walk in (0.9 * DRIFTS, 1.1 * DRIFTS):
-        walking = regression.under({0: replace(one.noise, gyro_drift_radps=walk)})
+        walking = regression.with_noise({0: replace(one.noise, gyro_drift_radps=walk)})
         before = FoundTerms(walking, nothing, evidence)
-        assert before is drifting(before)
+        assert before is add_gyro_drift(before)
 
 
 def test_the_settings_hold_a_step_of_the_radii_to_what_is_a_calibration(base: Regression) -> None:
@@ -294,7 +294,7 @@ def test_the_gain_of_a_term_is_that_of_its_columns(base: Regression) -> None:
     shapes = [term for _, term in hypotheses.smooth_gains(gram, b)]
     for term in [*hypotheses.catalogue, *shapes]:
         assert group_gain(term.design[1:], gram, b) == term.gain(gram, b)
-        rows, part = term.acting
+        rows, part = term.nonzero_rows
         again = np.zeros_like(term.design)
         again[1 + rows] = part
         assert np.array_equal(term.design, again)

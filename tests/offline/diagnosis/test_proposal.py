@@ -21,7 +21,7 @@ from tpmsd.offline.diagnosis.assessment.result import Proposal, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
-from tpmsd.offline.diagnosis.proposal.search import Sums, judged
+from tpmsd.offline.diagnosis.proposal.search import Sums, fitted_proposal
 
 REPO = Path(__file__).resolve().parents[3]
 Law = Callable[[Course], np.ndarray]
@@ -111,7 +111,9 @@ def test_a_form_that_fits_brings_half_of_the_data_squared() -> None:
     """Twice the trial column in each of five folds, beside a column that has no part in it."""
     known = np.tile(np.diag([4.0 * 30.0, 7.0]), (5, 1, 1))
     cross = np.tile(np.array([[2.0 * 30.0], [0.0]]), (5, 1, 1))
-    judged_form = judged(Sums(known, cross, np.full((5, 1), 30.0)), 0, Expression("linear", ("speed",)), "rl")
+    judged_form = fitted_proposal(
+        Sums(known, cross, np.full((5, 1), 30.0)), 0, Expression("linear", ("speed",)), "rl"
+    )
 
     assert pytest.approx(2.0, rel=1e-5) == judged_form.coefficient
     assert pytest.approx(150.0**-0.5, rel=1e-5) == judged_form.std

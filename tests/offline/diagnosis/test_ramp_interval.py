@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tests.offline.diagnosis.test_change_or_drift import drifting
-from tpmsd.offline.diagnosis.assessment.ramp_interval import _pairs, interval_stds, ramp_stds
+from tpmsd.offline.diagnosis.assessment.ramp_interval import _trial_ramps, interval_stds, ramp_stds
 from tpmsd.offline.diagnosis.hypotheses.response import ramp_column
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.drive_regression import Refined
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
+from tpmsd.offline.diagnosis.robustness.with_drift import fit_ramps_with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.noise_fit import log_posterior, refit_radius_drift
@@ -23,7 +23,7 @@ from tpmsd.offline.inference.noise_fit import log_posterior, refit_radius_drift
 def test_a_ramp_is_the_weighted_sum_of_ramps_between_neighbours() -> None:
     """Ramp and step between any two nodes, at any time."""
     nodes = np.array([0.0, 2.0, 3.0, 7.0])
-    pairs = _pairs(nodes, 2.0, 7.0)
+    pairs = _trial_ramps(nodes, 2.0, 7.0)
     times = np.linspace(-1.0, 9.0, 41)
     steps = (times[:, None] >= nodes).astype(float)
     ramps = np.clip((times[:, None] - nodes[:-1]) / np.diff(nodes), 0.0, 1.0)
@@ -41,23 +41,23 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     Ramp and drift fitted in turn are likelier than the step by far, and the interval of each of the three
     values holds the true one.
     """
-    regression = Regression(admitted([drifting(-3e-3)])[0])
+    regression = Regression(admitted_readers([drifting(-3e-3)])[0])
     drive = regression.drives[0]
     windows = drive.reader.windows
     step = ramp_column(drive.reader, 2, (122.0, 0.0))
     pattern = regression.append([(_step(122.0), {0: step})])[0]
     regression.hypotheses.add_ramp("rl", (122.0, 122.0), pattern)
     term = regression.hypotheses.catalogue[-1]
-    plain = drive.white_design(Selector(regression.evidence(), regression.hypotheses).design([term]))
+    plain = drive.data_and_design(Selector(regression.evidence(), regression.hypotheses).design([term]))
     noise = refit_radius_drift(windows, plain, replace(drive.noise, radius_drift=1e-3), None)
     before = log_posterior(windows, plain, noise, None)
 
-    found, terms = with_drift(regression.under({0: noise}), [term])
+    found, terms = fit_ramps_with_drift(regression.with_noise({0: noise}), [term])
     evidence = found.evidence()
     selector = Selector(evidence, found.hypotheses, last=True)
     here = found.drives[0]
-    after = log_posterior(windows, here.white_design(selector.design(terms)), here.noise, None)
-    selection = selector.judged(terms)
+    after = log_posterior(windows, here.data_and_design(selector.design(terms)), here.noise, None)
+    selection = selector.selection_of(terms)
     stds = ramp_stds(found, selection, 0, [])
 
     one = selection.chosen[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.reach import Reach, WhitenedColumns, reach
+from tpmsd.offline.diagnosis.assessment.reach import Reach, WhitenedColumns, assess_reach
 from tpmsd.offline.diagnosis.hypotheses.terms import Name
 
 WINDOWS, FREE = 900, 30
@@ -35,7 +35,7 @@ def examined(size: float, found: bool, seed: int = 1) -> Reach:
     noise = rng.standard_normal((WINDOWS, 9))
     white[:, :, 0] = noise + 5.0 * white[:, :, 1] + 2.0 * white[:, :, 2]
     white[:, :, 0] += size * white[:, :, -5:].sum(axis=2)
-    return reach([seen(white, found)])
+    return assess_reach([seen(white, found)])
 
 
 def expected(size: float) -> float:
@@ -64,7 +64,7 @@ def test_where_there_is_nothing_there_is_no_share() -> None:
     """Without a finding and without structure there is nothing to reach."""
     rng = np.random.default_rng(2)
     white = rng.standard_normal((WINDOWS, 9, len(NAMES)))
-    nothing = reach([seen(white, found=False)])
+    nothing = assess_reach([seen(white, found=False)])
 
     assert (None, False, 0.0) == (nothing.share, nothing.structured, nothing.found)
     assert abs(nothing.left) < 4.0
@@ -92,7 +92,7 @@ def test_what_is_correlated_is_not_white() -> None:
     for k in range(1, WINDOWS):
         white[k, :, 0] = 0.5 * white[k - 1, :, 0] + np.sqrt(0.75) * white[k, :, 0]
     white[:, :, 7] = 0.0
-    channel = reach([seen(white, found=False)]).channels["yaw_rate"]
+    channel = assess_reach([seen(white, found=False)]).channels["yaw_rate"]
 
     assert channel.correlation == pytest.approx(0.5, abs=0.08)
     assert channel.whiteness < 1e-6
@@ -106,7 +106,7 @@ def test_two_drives_share_the_model_and_add_up() -> None:
         white = 0.1 * rng.standard_normal((WINDOWS, 9, len(NAMES)))
         white[:, :, 0] = rng.standard_normal((WINDOWS, 9)) + 2.0 * white[:, :, 2]
         drives.append(seen(white, found=True))
-    answer = reach(drives)
+    answer = assess_reach(drives)
 
     assert answer.found == pytest.approx(2 * expected(2.0), rel=0.25)
     assert not answer.structured

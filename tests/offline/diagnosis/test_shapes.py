@@ -134,4 +134,6 @@ def test_a_shape_that_is_hardly_better_than_two_effects_gets_their_names() -> No
     penalised_gain, _ = selector.pairs_over("accel_long", [])[0]
 
     assert selector.gain(shape) - shape[0].penalty > selector.gain([]) + penalised_gain
-    assert {"brake_slip", "longitudinal_slip"} == {term.effect for term in selector._named(shape)}
+    assert {"brake_slip", "longitudinal_slip"} == {
+        term.effect for term in selector._with_effects_for_splines(shape)
+    }

@@ -11,17 +11,17 @@ import pytest
 from tests.offline.calibration.test_parts import CIRCLE, perfect
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.motion import driven_mask
-from tpmsd.offline.diagnosis.assessment.identifiability import advice, prior_scale
+from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale, separating_manoeuvre
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
-from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
+from tpmsd.offline.diagnosis.hypotheses.plausible import completion_matrix, completions_of
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.robustness.verdict import outweighed
+from tpmsd.offline.diagnosis.robustness.verdict import is_outweighed
 from tpmsd.offline.diagnosis.selection.catalogue_effect import (
     effect_of,
     neutral_of,
-    nonlinear_of,
+    nonlinear_parameters_of,
+    text_parameters_of,
     tolerance_note,
-    words_of,
 )
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
@@ -97,10 +97,10 @@ def test_a_term_says_where_and_when_it_acts() -> None:
     lock = term("wheel_lock", "slip", pattern="rear", span_s=(10.0, 14.0))
     step = term("radius_change", "deviation_m", wheel="rl", span_s=(100.0, 102.0))
 
-    assert {"wheels": "rl rr"} == words_of(lock)
-    assert {"onset_s": 10.0, "duration_s": 4.0} == nonlinear_of(lock)
-    assert {"wheel": "rl"} == words_of(step)
-    assert {"onset_s": 101.0, "duration_s": 0.0} == nonlinear_of(step)
+    assert {"wheels": "rl rr"} == text_parameters_of(lock)
+    assert {"onset_s": 10.0, "duration_s": 4.0} == nonlinear_parameters_of(lock)
+    assert {"wheel": "rl"} == text_parameters_of(step)
+    assert {"onset_s": 101.0, "duration_s": 0.0} == nonlinear_parameters_of(step)
 
 
 def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
@@ -138,7 +138,7 @@ def test_an_instruments_effect_must_gain_more_than_a_spline_on_its_wheels(
     both = chosen(one, gain), chosen(shape, 500.0)
     selection = Selection(both, cast(LeastSquaresFit, None), np.zeros(1), np.zeros(1))
 
-    assert doubtful is outweighed(both[0], selection)
+    assert doubtful is is_outweighed(both[0], selection)
 
 
 def test_the_usual_size_of_an_effect_is_that_of_its_prior() -> None:
@@ -165,9 +165,9 @@ def test_advice_names_the_drives_of_both_effects_once() -> None:
     say."""
     rounding, scale = "speed_rounding_offset", "speed_scale_nonlinearity"
 
-    assert "" == advice("centrifugal_growth", ())
-    assert 1 == advice(rounding, (scale,)).count(EFFECTS[rounding].wording.distinguished_by)
-    assert advice("road_grade", ("wear",)).startswith("to tell road_grade from wear: ")
+    assert "" == separating_manoeuvre("centrifugal_growth", ())
+    assert 1 == separating_manoeuvre(rounding, (scale,)).count(EFFECTS[rounding].wording.distinguished_by)
+    assert separating_manoeuvre("road_grade", ("wear",)).startswith("to tell road_grade from wear: ")
 
 
 @pytest.mark.parametrize(("driven", "limited"), [("rear", [0.005, 0.003]), ("front", [0.011, -0.003])])
@@ -176,6 +176,6 @@ def test_limits_of_brake_slip_hold_for_drive_and_brakes_together(driven: str, li
     car = replace(perfect(CIRCLE).car, driven=driven_mask(driven))
     terms = [term("brake_slip", "front", "rear"), term("longitudinal_slip", "slip_per_accel")]
 
-    into = with_completions(terms, completions_of(car))
+    into = completion_matrix(terms, completions_of(car))
 
     assert pytest.approx([*limited, 0.006]) == into @ [0.005, -0.003, 0.006]

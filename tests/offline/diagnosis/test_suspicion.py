@@ -10,7 +10,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness.certify import certified
@@ -28,7 +28,9 @@ def spin() -> Examined:
     times = recording.edges_s[:-1]
     spinning = (times >= 150.0) & (times < 170.0)
     factor = 1.0 + 0.012 * spinning[:, None] * np.array([1.0, 1.0, 0.0, 0.0])
-    regression = Regression(admitted([replace(recording, rotation_rad=recording.rotation_rad * factor)])[0])
+    regression = Regression(
+        admitted_readers([replace(recording, rotation_rad=recording.rotation_rad * factor)])[0]
+    )
     return examine(regression, lambda share: None)
 
 

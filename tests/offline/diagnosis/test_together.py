@@ -13,7 +13,7 @@ from tpmsd.offline.diagnosis import stages as whole
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.offline.diagnosis.prepared import regression
-from tpmsd.offline.diagnosis.prepared.regression import unusable
+from tpmsd.offline.diagnosis.prepared.regression import unusable_effects
 from tpmsd.offline.diagnosis.robustness.common_drift import _changed_radius, _common_shape
 from tpmsd.offline.diagnosis.selection.selector import Selector
 
@@ -102,10 +102,12 @@ def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.
     """A shape with a memory, which nothing else holds where its effect is unknown: found on its axle; without
     the question no shape was.
     """
-    monkeypatch.setattr(regression, "unusable", lambda reader: unusable(reader) | {"brake_heat"})
+    monkeypatch.setattr(
+        regression, "unusable_effects", lambda reader: unusable_effects(reader) | {"brake_heat"}
+    )
     recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
     diagnosis = diagnose([recording])
-    monkeypatch.setattr(whole, "together", lambda found, before: found)
+    monkeypatch.setattr(whole, "add_common_shape", lambda found, before: found)
     without = diagnose([recording])
 
     assert "mismatch" == diagnosis.verdict

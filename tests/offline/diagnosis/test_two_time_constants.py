@@ -14,7 +14,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.penalties import grid_penalty
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 
 HEAT = next(
@@ -36,7 +36,7 @@ def test_how_soon_and_how_long_a_brake_warms_its_tyres(soak_s: float) -> None:
     tyre is taken to be warm at once, half of the growth was missing, with a second axle that warms."""
     growth, cooling_s = 2e-6, 150.0
     recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_drift=0.0), 8))
-    motion = Regression(admitted([recording])[0]).drives[0].reader.reference.motion
+    motion = Regression(admitted_readers([recording])[0]).drives[0].reader.reference.motion
     power = np.maximum(-motion.specific_force_long_mps2, 0.0) * motion.speed_mps
     step_s = float(motion.time_s[1])
     heat = cooling_s * _lagged(_lagged(power, step_s, soak_s), step_s, cooling_s)[: recording.ticks]

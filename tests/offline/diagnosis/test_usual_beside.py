@@ -27,7 +27,7 @@ def test_an_arm_is_as_uncertain_as_the_side_slip_that_looks_like_it(one_speed: b
     arm = Term("antenna_lever_arm", columns(1, width=3), ("forward_m",), 3.5)
     usual = Term("lateral_slip", columns(2, width=3), ("coefficient",), 3.5)
     made = noiseless(ARM_M * responses[:, 0] + SLIP * responses[:, 1], responses)
-    (found,) = Selector(made, Given(3, [arm, usual], [])).judged([arm]).chosen
+    (found,) = Selector(made, Given(3, [arm, usual], [])).selection_of([arm]).chosen
 
     assert found.stds[0] == pytest.approx(std_m, rel=0.05)
     assert abs(found.values[0] - ARM_M) < found.stds[0]
@@ -87,7 +87,7 @@ def test_a_value_is_as_uncertain_as_what_reads_the_same_is_usual(
     singles = [Term(beside, columns(2 + k, width=4), (name,), 3.5) for k, name in enumerate(others)]
     whole = Term(beside, columns(*(2 + k for k in range(len(others))), width=4), others, 7.0)
     made = noiseless(10.0 * usual * responses[:, 0], responses)
-    (found,) = Selector(made, Given(4, [asked, *singles, whole], [])).judged([asked]).chosen
+    (found,) = Selector(made, Given(4, [asked, *singles, whole], [])).selection_of([asked]).chosen
 
     assert found.stds[0] == pytest.approx(np.hypot(usual, 1.0 / PER_METRE), rel=0.05)
 
@@ -102,7 +102,7 @@ def test_slip_is_as_uncertain_as_the_load_that_no_name_is_given() -> None:
     asked = Term("longitudinal_slip", columns(1, width=3), ("slip_per_accel",), 3.5)
     usual = Term("load_transfer_longitudinal", columns(2, width=3), ("coefficient",), 3.5)
     made = noiseless(slip * responses[:, 0] + load * responses[:, 1], responses)
-    (found,) = Selector(made, Given(3, [asked, usual], [])).judged([asked]).chosen
+    (found,) = Selector(made, Given(3, [asked, usual], [])).selection_of([asked]).chosen
 
     assert found.values[0] == pytest.approx(slip - 6.0 * load)
     prior, seen = prior_rms(usual.kind_of, "coefficient"), 1.0 / (0.3 * per_slip)

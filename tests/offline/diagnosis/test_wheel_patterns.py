@@ -11,10 +11,10 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, patterns, wheels_acted_on
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
-from tpmsd.offline.diagnosis.robustness.verdict import outweighed
+from tpmsd.offline.diagnosis.robustness.verdict import is_outweighed
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
 from tpmsd.offline.diagnosis.selection.selector import Selector
 
@@ -23,7 +23,7 @@ from tpmsd.offline.diagnosis.selection.selector import Selector
 def regressions() -> tuple[Regression, Regression]:
     """Two short drives, one alone and both together."""
     made = [recording_of(drive(Spec(duration_s=150.0, road="rural"), seed)) for seed in (4, 5)]
-    readers, _ = admitted(made)
+    readers, _ = admitted_readers(made)
     return Regression(readers[:1]), Regression(readers)
 
 
@@ -64,12 +64,12 @@ def test_every_pattern_is_held_against_an_effect_on_the_same_wheels(
     """An instrument's effect on fl loses to a stronger spline on any pattern with fl, and to no other."""
     terms = terms_of(regressions[number])
     missed = next(t for t in terms if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
-    selection = Selector(regressions[number].evidence(), regressions[number].hypotheses).judged([])
+    selection = Selector(regressions[number].evidence(), regressions[number].hypotheses).selection_of([])
     found = {}
     for term in terms:
         if term.nonparametric and not term.pulse:
             both = replace(selection, chosen=(chosen(missed, 9.0), chosen(term, 10.0)))
-            found[term.pattern] = outweighed(both.chosen[0], both)
+            found[term.pattern] = is_outweighed(both.chosen[0], both)
 
     assert {name: "fl" in dict(signed) for name, signed in patterns()} == found
 
@@ -96,7 +96,7 @@ def test_every_pattern_is_reported(regressions: tuple[Regression, Regression], n
     splines = [term for term in common if wanted[term.pattern] == term.covariate]
     missed = next(t for t in terms_of(regression) if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
     selection = replace(
-        selector.judged([]),
+        selector.selection_of([]),
         chosen=(chosen(missed, 9.0), *(chosen(term, 10.0) for term in splines)),
         fit=evidence.fit(selector.design([missed, *splines])),
     )

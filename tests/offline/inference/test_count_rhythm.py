@@ -12,7 +12,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tests.offline.inference.test_count_age import DT_S, RADIUS_M, distance_at, recording
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.prepared.admission import read
+from tpmsd.offline.diagnosis.prepared.admission import corrected_reader
 from tpmsd.offline.inference.count_rhythm import rhythm_of, without_rhythms
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
@@ -130,7 +130,7 @@ def test_the_reference_motion_turns_no_more_than_the_car() -> None:
     )
 
     true = reference(sound).motion.yaw_rate_radps
-    raw, mended = (one.motion.yaw_rate_radps for one in (reference(aged), read(aged).reference))
+    raw, mended = (one.motion.yaw_rate_radps for one in (reference(aged), corrected_reader(aged).reference))
 
     assert (raw - true).std() > 0.02
     assert (mended - true).std() < 0.005

@@ -13,7 +13,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import finer_knots, smooth_knots
-from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
+from tpmsd.offline.diagnosis.prepared.drive_regression import initial_noise
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import expected
 from tpmsd.offline.inference.trajectory import reference
@@ -29,7 +29,7 @@ def test_the_smoothed_motion_is_as_good_as_it_says(gyro_std: float) -> None:
     recording = recording_of(world, counted=True)
     reader = Reader(recording, reference(recording))
     windows = reader.windows
-    noise = dataclasses.replace(first_noise(reader), gyro_radps=gyro_std / math.sqrt(50.0))
+    noise = dataclasses.replace(initial_noise(reader), gyro_radps=gyro_std / math.sqrt(50.0))
     left = windows.measured - reader.predict(ExtendedModel())
     made = Whitener.of(windows, noise, np.isfinite(left))
     errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])

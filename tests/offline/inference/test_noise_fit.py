@@ -11,8 +11,8 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import RADIUS
-from tpmsd.offline.diagnosis.assessment.tangent import crossing
-from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, first_noise
+from tpmsd.offline.diagnosis.assessment.tangent import level_crossing
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, initial_noise
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
 from tpmsd.offline.inference.trajectory import reference
@@ -30,7 +30,7 @@ def first_fit(loss_m: float) -> Noise:
     regression = DriveRegression(reader, {}, {})
     radii = [k for k, name in enumerate(regression.names) if name[0] == RADIUS.name]
     columns = regression.columns.take([0, *radii])
-    return fit_noise(reader.windows, columns, first_noise(reader), SearchStage.FIRST)
+    return fit_noise(reader.windows, columns, initial_noise(reader), SearchStage.FIRST)
 
 
 def test_a_tyre_that_changed_halfway_does_not_make_single_readings_rough() -> None:
@@ -54,4 +54,4 @@ def test_an_interval_ends_between_two_trials(inside: int, step: int, expected: f
     """
     gains = 10.0 - 200.0 * (np.arange(5) - 2.0) ** 2
 
-    assert crossing(gains, 8.0, inside, step) == pytest.approx(expected)
+    assert level_crossing(gains, 8.0, inside, step) == pytest.approx(expected)

@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.diagnose import diagnose, first_noise
+from tpmsd.offline.diagnosis.diagnose import diagnose, initial_noise
 from tpmsd.offline.inference.blocks import PE, PN, PSI, QOLD, Q, V, W
 from tpmsd.offline.inference.layouts import DRIFTING_RADII
 from tpmsd.offline.inference.noise import Noise
@@ -49,7 +49,7 @@ def test_what_becomes_of_an_error_from_window_to_window(reader: Reader) -> None:
     driven, a bias stays, and what is new in each window is forgotten.
     """
     windows = reader.windows
-    made = state_space(windows, first_noise(reader), np.isfinite(windows.measured), None)
+    made = state_space(windows, initial_noise(reader), np.isfinite(windows.measured), None)
     k = len(windows) // 2
     assert windows.index[k] == windows.index[k - 1] + 1
     error = np.zeros(STATES)
@@ -78,7 +78,7 @@ def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
         after_fixes=reader.windows.after_fixes[:few],
         repeated_rounding_m2=reader.windows.repeated_rounding_m2[:few],
     )
-    noise = first_noise(reader)
+    noise = initial_noise(reader)
     here = np.isfinite(windows.measured)
     here[3, :] = False
     here[5, GYRO:] = False
@@ -117,7 +117,7 @@ def test_a_motion_that_was_bent_is_put_right(reader: Reader) -> None:
     whole.recalibrate(reader.reference.car.radius_m, ExtendedModel(), bent)
     left = whole.windows.measured - whole.predict(ExtendedModel())
     straight = windows.measured - reader.predict(ExtendedModel())
-    noise = first_noise(reader)
+    noise = initial_noise(reader)
     found = motion_errors(whole.windows, noise, left) - motion_errors(windows, noise, straight)
 
     assert found[42:58, 0] == pytest.approx(-bent[42:58, 0], abs=0.02)

@@ -10,7 +10,7 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.diagnose import first_noise
+from tpmsd.offline.diagnosis.diagnose import initial_noise
 from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import Whitener, whiten
@@ -31,7 +31,7 @@ def zero(reader: Reader) -> FloatArray:
 
 def test_errors_of_the_reference_motion_leave_no_trace(reader: Reader) -> None:
     """A residual that a wrong speed, yaw rate and heading would make is whitened to next to nothing."""
-    windows, noise = reader.windows, first_noise(reader)
+    windows, noise = reader.windows, initial_noise(reader)
     rng = np.random.default_rng(3)
     errors = rng.standard_normal((len(windows), 2)) * (0.05, 0.005)
     columns = zero(reader)
@@ -45,7 +45,7 @@ def test_errors_of_the_reference_motion_leave_no_trace(reader: Reader) -> None:
 
 def test_a_count_at_an_edge_enters_two_windows_with_opposite_signs(reader: Reader) -> None:
     """Reading errors of the wheels' angles, which alternate, are whitened to unit variance."""
-    windows, noise = reader.windows, first_noise(reader)
+    windows, noise = reader.windows, initial_noise(reader)
     noise = dataclasses.replace(noise, reading_m=(0.01,) * 4, stamp_s=1e-6)
     rng = np.random.default_rng(4)
     edge = 0.01 * rng.standard_normal((int(windows.index.max()) + 2, 4))
@@ -64,7 +64,7 @@ def test_a_count_at_an_edge_enters_two_windows_with_opposite_signs(reader: Reade
 
 def test_what_was_not_measured_gives_no_row(reader: Reader) -> None:
     """Missing channels are zero rows, and do not disturb the others' likelihood."""
-    windows, noise = reader.windows, first_noise(reader)
+    windows, noise = reader.windows, initial_noise(reader)
     columns = zero(reader)
     columns[:, SPEED:, 0] = np.nan
     white, with_wheels = whiten(windows, noise, columns)
@@ -82,7 +82,7 @@ def test_a_stack_is_whitened_as_an_array_of_its_columns(reader: Reader, width: i
     rng = np.random.default_rng(width)
     arrays = rng.standard_normal((width, len(reader.windows), 9))
     here = np.isfinite(reader.windows.measured)
-    made = Whitener.of(reader.windows, first_noise(reader), here)
+    made = Whitener.of(reader.windows, initial_noise(reader), here)
     expected = made.apply(np.moveaxis(arrays, 0, 2))
     stack = ColumnStack(*arrays)
     assert np.allclose(expected, made.apply_all(stack), rtol=0.0, atol=1e-9 * np.abs(expected).max())

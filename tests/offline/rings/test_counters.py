@@ -10,7 +10,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.prepared.admission import read
+from tpmsd.offline.diagnosis.prepared.admission import corrected_reader
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.rings.low_speed import low_speed_losses
@@ -41,7 +41,7 @@ def test_a_ring_of_any_number_of_teeth_is_counted_right(
     recording = city()
     wrong = replace(recording, rotation_rad=recording.rotation_rad * (np.array(counted) / 48.0))
 
-    right = read(wrong).recording
+    right = corrected_reader(wrong).recording
 
     assert counts == right.counts_per_rev
     np.testing.assert_allclose(right.rotation_rad, recording.rotation_rad, rtol=1e-12)

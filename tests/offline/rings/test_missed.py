@@ -16,8 +16,8 @@ from tests.car.physics.motions import car
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS, make_effect
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.diagnosis.assessment.lost_counts import missed
-from tpmsd.offline.diagnosis.hypotheses.plausible import counter_bounds, thinkable
+from tpmsd.offline.diagnosis.assessment.lost_counts import missed_count_findings
+from tpmsd.offline.diagnosis.hypotheses.plausible import counter_bounds, is_plausible
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.drives.drive import load
@@ -116,7 +116,7 @@ def test_the_ripple_limits_what_a_counter_may_lose_or_add(changed_m: float, shar
         term = Term(effect, np.zeros((2, 1)), ("rate_per_s",), 3.5, pattern="rl")
         for offset, possible in ((0.0, True), (2e-3, False), (-2e-3, False)):
             value = sign * (share + offset) * counts_per_s
-            assert possible == thinkable(term, np.array([value]), bounds)
+            assert possible == is_plausible(term, np.array([value]), bounds)
 
 
 def test_coarse_rings_tell_nothing() -> None:
@@ -131,7 +131,7 @@ def test_a_finding_names_its_drive_and_says_what_tells_it_from_a_radius() -> Non
     whole = dataclasses.replace(_eccentric(), name="whole")
     losing = dataclasses.replace(_losing(_eccentric(), 2e-3), name="losing")
     regression = Regression([Reader(one, reference(one)) for one in (whole, losing)])
-    (finding,) = missed(regression, regression.driving_s)
+    (finding,) = missed_count_findings(regression, regression.driving_s)
 
     assert ("counter_missed_pulses", ("losing",), ("rl",)) == (
         finding.effect,

@@ -10,7 +10,7 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.windows import Reader
 from tpmsd.offline.rings.uneven_teeth import Ripple, _fit_ripple, ripples
@@ -39,7 +39,7 @@ def summed_speeds(seed: int, wheel: str = "", amplitude_rad: float = 0.0) -> Rec
 
 def found_in(recording: Recording) -> list[Ripple]:
     """The ripples of a recording."""
-    readers, notes = admitted([recording])
+    readers, notes = admitted_readers([recording])
     assert not notes
     reader: Reader = readers[0]
     return ripples(reader.recording, reader.reference)

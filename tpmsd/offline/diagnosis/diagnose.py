@@ -19,9 +19,13 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiability, identifiability
 from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, RollingDiagnosis
-from tpmsd.offline.diagnosis.assessment.simulated import differences
-from tpmsd.offline.diagnosis.prepared.admission import admitted, against, unfit
-from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
+from tpmsd.offline.diagnosis.assessment.simulated import select_differences
+from tpmsd.offline.diagnosis.prepared.admission import (
+    admitted_readers,
+    readers_against_simulation,
+    unfit_reason,
+)
+from tpmsd.offline.diagnosis.prepared.drive_regression import initial_noise
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.proposal.search import proposals
 from tpmsd.offline.diagnosis.reporting.findings import report
@@ -33,7 +37,7 @@ from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
 
-__all__ = ["diagnose", "diagnose_against", "first_noise"]
+__all__ = ["diagnose", "diagnose_against", "initial_noise"]
 
 
 @dataclass(frozen=True)
@@ -60,9 +64,9 @@ def diagnose(
     ConfigError where the drives' configurations describe different cars.
     """
     if known is not None and len(known):
-        rest = [one if unfit(one) else without_effects(one, known) for one in recordings]
+        rest = [one if unfit_reason(one) else without_effects(one, known) for one in recordings]
         return with_known(known, diagnose(rest, progress, certify, propose))
-    readers, notes = admitted(recordings)
+    readers, notes = admitted_readers(recordings)
     if not readers:
         return insufficient(notes)
     regression, selection, evidence = examine(Regression(readers), progress)
@@ -87,11 +91,11 @@ def diagnose_against(
 
     ConfigError where the two are of different cars or roads, or the simulation is of no use.
     """
-    readers, notes = against(recording, simulation)
+    readers, notes = readers_against_simulation(recording, simulation)
     if not readers:
         return insufficient(notes)
     regression, selection, evidence = examine(Regression(readers, simulation=True), progress)
-    selection, evidence = differences(regression, selection, evidence)
+    selection, evidence = select_differences(regression, selection, evidence)
     diagnosis = report(regression, selection, evidence, notes)
     if propose:
         diagnosis = replace(diagnosis, proposals=proposals(regression, selection))
@@ -103,20 +107,20 @@ def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...
     """Return what a drive could tell of each effect at its typical value; ConfigError where it cannot be
     examined.
     """
-    readers, notes = admitted([recording])
+    readers, notes = admitted_readers([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
     regression = Regression(readers)
-    return identifiability(estimated(regression, regression.hypotheses.everything, SearchStage.FIRST))
+    return identifiability(estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST))
 
 
 def noise_of(recording: Recording) -> Noise:
     """Return the noise of a drive's instruments and road; ConfigError where it cannot be examined."""
-    readers, notes = admitted([recording])
+    readers, notes = admitted_readers([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
     regression = Regression(readers)
-    return estimated(regression, regression.hypotheses.everything, SearchStage.FIRST).drives[0].noise
+    return estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST).drives[0].noise
 
 
 def insufficient(notes: Sequence[str]) -> RollingDiagnosis:

@@ -13,19 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.simulated import floored, widened
+from tpmsd.offline.diagnosis.assessment.simulated import floored_noise, widened_design
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
+from tpmsd.offline.diagnosis.refinement.beyond_linear import prune_by_exact_responses
 from tpmsd.offline.diagnosis.refinement.refine import most_significant_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
-from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
-from tpmsd.offline.diagnosis.robustness.common_drift import together
-from tpmsd.offline.diagnosis.robustness.confirm import confirmed
+from tpmsd.offline.diagnosis.robustness.change_or_drift import add_radius_change, add_velocity_error
+from tpmsd.offline.diagnosis.robustness.common_drift import add_common_shape
+from tpmsd.offline.diagnosis.robustness.confirm import remove_terms_of_slow_noise
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
-from tpmsd.offline.diagnosis.robustness.gyro_drift import drifting
-from tpmsd.offline.diagnosis.robustness.receiver_outliers import lasting
-from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
+from tpmsd.offline.diagnosis.robustness.gyro_drift import add_gyro_drift
+from tpmsd.offline.diagnosis.robustness.receiver_outliers import remove_receiver_events
+from tpmsd.offline.diagnosis.robustness.with_drift import fit_ramps_with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -87,7 +87,7 @@ def plain_shapes(state: State) -> State:
         term = most_significant_shape(regression, evidence, design)
         if term is None:
             break
-        design = np.concatenate([widened(design, regression.hypotheses.width), term.design], axis=1)
+        design = np.concatenate([widened_design(design, regression.hypotheses.width), term.design], axis=1)
         regression = estimated(regression, design, SearchStage.FIRST)
         evidence = regression.evidence()
     return replace(state, regression=regression, evidence=evidence)
@@ -105,7 +105,7 @@ def choose(state: State) -> State:
             evidence = regression.evidence()
             selection = Selector(evidence, regression.hypotheses).select(most)
     if not regression.simulation:
-        selection = needed_exactly(regression, selection, evidence)
+        selection = prune_by_exact_responses(regression, selection, evidence)
     tried = (*state.tried, tuple(one.term for one in selection.chosen))
     return State(regression, selection.fit.design, evidence, selection, tried)
 
@@ -121,7 +121,7 @@ def down_weight(state: State) -> State:
     for drive in regression.drives:
         white = drive.residual(selection.fit.design, selection.fit.values)
         drives.append(drive.reweighted(outliers(white, drive.blocks, drive.inflate)))
-    return replace(state, regression=regression.trial(drives), evidence=None)
+    return replace(state, regression=regression.with_drives(drives), evidence=None)
 
 
 def move_origin(state: State) -> State:
@@ -133,7 +133,7 @@ def ramps_and_drift(state: State) -> State:
     """Fit the chosen changes of radii jointly with the radius drift, unless a simulation is compared."""
     if state.regression.simulation:
         return state
-    regression, terms = with_drift(state.regression, [one.term for one in state.chosen.chosen])
+    regression, terms = fit_ramps_with_drift(state.regression, [one.term for one in state.chosen.chosen])
     evidence = regression.evidence()
     design = Selector(evidence, regression.hypotheses).design(terms)
     return replace(state, regression=regression, design=design, evidence=evidence)
@@ -144,7 +144,7 @@ def verdict(state: State) -> State:
     regression, evidence = state.regression.copied(), _present(state)
     selection = Selector(evidence, regression.hypotheses, last=True).select()
     if not regression.simulation:
-        selection = needed_exactly(regression, selection, evidence, last=True)
+        selection = prune_by_exact_responses(regression, selection, evidence, last=True)
     return State(regression, selection.fit.design, evidence, selection, state.tried)
 
 
@@ -161,17 +161,17 @@ Alternative = Callable[[FoundTerms, State], FoundTerms]
 
 ALTERNATIVES: tuple[Alternative, ...] = (
     # Outliers of the receiver, where it alone shows an event.
-    lambda found, before: lasting(found),
+    lambda found, before: remove_receiver_events(found),
     # Slow noise at its likeliest without the term: the receiver's for what all wheels share, radius drift.
-    lambda found, before: confirmed(found),
+    lambda found, before: remove_terms_of_slow_noise(found),
     # Usual radius drift, where one group of wheels has nearly all of it to itself.
-    lambda found, before: together(found, before.chosen),
+    lambda found, before: add_common_shape(found, before.chosen),
     # Radius drift at its likeliest with and without a change of a radius.
-    lambda found, before: changed(found, before.chosen, before.tried),
+    lambda found, before: add_radius_change(found, before.chosen, before.tried),
     # Slow noise of the receiver's speed at its likeliest with and without a constant error of its velocity.
-    lambda found, before: erring(found),
+    lambda found, before: add_velocity_error(found),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.
-    lambda found, before: drifting(found),
+    lambda found, before: add_gyro_drift(found),
 )
 
 STAGES: tuple[Callable[[State], State], ...] = (
@@ -184,7 +184,7 @@ STAGES: tuple[Callable[[State], State], ...] = (
 def examine(regression: Regression, progress: Callable[[float], None]) -> FoundTerms:
     """Run all stages; `progress` is told the share that is done, from 0.2 to 0.9."""
     progress(0.2)
-    state = State(regression, regression.hypotheses.everything)
+    state = State(regression, regression.hypotheses.fullest_design)
     del regression  # its columns are not needed for longer than the first stages'
     for number, stage in enumerate(STAGES, start=1):
         state = stage(state)
@@ -195,12 +195,14 @@ def examine(regression: Regression, progress: Callable[[float], None]) -> FoundT
 def estimated(regression: Regression, design: FloatArray, stage: SearchStage) -> Regression:
     """With each drive's noise estimated beside a model."""
     noises = {
-        number: fit_noise(drive.reader.windows, drive.white_design(design), drive.noise, stage, drive.inflate)
+        number: fit_noise(
+            drive.reader.windows, drive.data_and_design(design), drive.noise, stage, drive.inflate
+        )
         for number, drive in enumerate(regression.drives)
     }
     if regression.simulation:
-        noises[1] = floored(noises[1], noises[0])
-    return regression.under(noises)
+        noises[1] = floored_noise(noises[1], noises[0])
+    return regression.with_noise(noises)
 
 
 def _estimated(state: State, stage: SearchStage) -> State:

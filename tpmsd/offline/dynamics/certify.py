@@ -20,7 +20,13 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.robustness.p_value import PValue, beyond, discoveries, enough, estimate_p_value
+from tpmsd.offline.diagnosis.robustness.p_value import (
+    PValue,
+    count_reaching,
+    discoveries,
+    estimate_p_value,
+    is_decided,
+)
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.located import located_terms, nameless_penalty
 from tpmsd.offline.dynamics.noise import PathNoise
@@ -69,7 +75,9 @@ def certified(
         for finding, one, is_certain in zip(findings, p_values, certain, strict=True)
     )
     rest = estimate_p_value(left, maxima)
-    return judged, Certificate(max(drawn, len(maxima)), left, rest.p_value, beyond(left, maxima), len(maxima))
+    return judged, Certificate(
+        max(drawn, len(maxima)), left, rest.p_value, count_reaching(left, maxima), len(maxima)
+    )
 
 
 def _maxima(
@@ -80,7 +88,7 @@ def _maxima(
     maxima: list[float] = []
     for _ in range(most):
         maxima.append(largest_evidence(_analysed(search, terms, rng)))
-        if enough(value, maxima):
+        if is_decided(value, maxima):
             break
     return maxima
 

@@ -28,9 +28,9 @@ from tpmsd.offline.diagnosis.assessment.identifiability import (
     identifiability,
     prior_scale,
 )
-from tpmsd.offline.diagnosis.assessment.simulated import widened
+from tpmsd.offline.diagnosis.assessment.simulated import widened_design
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
-from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.drive_regression import Refined
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.detectable import smallest_size, smallest_sizes
@@ -58,7 +58,7 @@ class RecordingInformation:
 
     def __init__(self, recording: Recording, progress: Callable[[float], None]) -> None:
         """InputError where the recording cannot be examined."""
-        readers, notes = admitted([recording])
+        readers, notes = admitted_readers([recording])
         if not readers:
             raise InputError(recording.name, "; ".join(notes))
         self.found = found = examine(Regression(readers), progress)
@@ -117,7 +117,10 @@ class RecordingInformation:
         for one, column in zip(wheels, columns, strict=True):
             regression.hypotheses.add_ramp(one, (onset_s, onset_s + duration_s), column)
         ramps = regression.hypotheses.catalogue[-len(wheels) :]
-        terms = [replace(one, design=widened(one.design, regression.hypotheses.width)) for one in self._terms]
+        terms = [
+            replace(one, design=widened_design(one.design, regression.hypotheses.width))
+            for one in self._terms
+        ]
         selector = Selector(regression.evidence(), regression.hypotheses)
         gram, _ = selector.evidence.projected(selector.design(terms))
         if _cosine_to_others(gram, [column - 1 for column in columns]) > MAX_SIMILAR:

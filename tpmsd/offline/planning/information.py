@@ -18,7 +18,11 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
-from tpmsd.offline.diagnosis.hypotheses.response import available, catalogue_columns, radius_columns
+from tpmsd.offline.diagnosis.hypotheses.response import (
+    available_readings,
+    calibration_columns,
+    catalogue_columns,
+)
 from tpmsd.offline.inference.min_speed import least_speed
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import INERTIAL, Recording
@@ -52,13 +56,13 @@ def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str])
     `DT_S`.
     """
     reader = _noise_free_reader(motion, equipment)
-    here = available(reader)
+    here = available_readings(reader)
     shown = [
         name
         for name in effects
         if here >= set(EFFECTS[name].identification.needs) and EFFECTS[name].observable(motion, equipment.car)
     ]
-    calibration = radius_columns(reader)
+    calibration = calibration_columns(reader)
     columns = catalogue_columns(reader, only=frozenset(shown))
     names = [*calibration.names, *columns.names]
     noise = _reading_noise(equipment, reader)

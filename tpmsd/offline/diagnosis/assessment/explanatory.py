@@ -23,14 +23,14 @@ from tpmsd.offline.inference.windows import GYRO
 SHOWN_OVER = {WHEEL_SLIP: "accel_long", SIDE_SLIP: "accel_lat"}
 
 
-def explanatory(regression: Regression, found: Sequence[Term], evidence: Evidence) -> tuple[Explanatory, ...]:
+def slip_gains(regression: Regression, found: Sequence[Term], evidence: Evidence) -> tuple[Explanatory, ...]:
     """Gains in sample, over calibration alone and over what was found; none of what no drive can show."""
     selector = Selector(evidence, regression.hypotheses)
     designs = (selector.design([]), selector.design(found))
-    without = _missing(regression)
+    without = _missing_signals(regression)
     out = []
     for name, covariate in SHOWN_OVER.items():
-        design = _columns(regression, name)
+        design = _slip_design(regression, name)
         if design.shape[1] == 0:
             continue
         alone, beyond = (max(group_gain(design[1:], *evidence.projected(known))[0], 0.0) for known in designs)
@@ -38,7 +38,7 @@ def explanatory(regression: Regression, found: Sequence[Term], evidence: Evidenc
     return tuple(out)
 
 
-def _columns(regression: Regression, name: str) -> FloatArray:
+def _slip_design(regression: Regression, name: str) -> FloatArray:
     """(1 + p, k) the columns of a slip, common to all drives that have them."""
     indices: dict[tuple[str, ...], int] = {}
     for drive in regression.drives:
@@ -50,7 +50,7 @@ def _columns(regression: Regression, name: str) -> FloatArray:
     return design
 
 
-def _missing(regression: Regression) -> tuple[str, ...]:
+def _missing_signals(regression: Regression) -> tuple[str, ...]:
     """Roles of the bus without which slips are told by the wheels and the receiver alone."""
     drives = regression.examined
     by = {drive.reader.reference.grade_by for drive in drives}

@@ -41,25 +41,27 @@ def identifiability(regression: Regression) -> tuple[EffectIdentifiability, ...]
     """Return all effects that the drive has readings for, by the gain that each has at its prior's size."""
     evidence = regression.evidence()
     gram, _ = evidence.projected(regression.hypotheses.nuisance)
-    terms = _one_each(regression.hypotheses.catalogue)
-    bases = {name: _basis(term, gram) for name, term in terms.items()}
+    terms = _fullest_terms(regression.hypotheses.catalogue)
+    bases = {name: _orthonormal_basis(term, gram) for name, term in terms.items()}
     out = []
     for name, term in terms.items():
         size = np.array([prior_scale(term.kind_of, parameter) for parameter in term.parameters])
         gain = 0.5 * float(size @ term.design[1:].T @ gram @ term.design[1:] @ size)
-        near = {other: _cosine(bases[name], bases[other], gram) for other in terms if other != name}
+        near = {other: _principal_cosine(bases[name], bases[other], gram) for other in terms if other != name}
         similar = tuple(
             (other, cosine)
             for other, cosine in sorted(near.items(), key=lambda e: -e[1])
             if cosine > SETTINGS.assessment.confounded_cosine
         )
         out.append(
-            EffectIdentifiability(name, gain, similar, advice(name, tuple(other for other, _ in similar)))
+            EffectIdentifiability(
+                name, gain, similar, separating_manoeuvre(name, tuple(other for other, _ in similar))
+            )
         )
     return tuple(sorted(out, key=lambda one: -one.expected_gain))
 
 
-def _one_each(catalogue: list[Term]) -> dict[str, Term]:
+def _fullest_terms(catalogue: list[Term]) -> dict[str, Term]:
     """Per effect the term of most values, at the middle of its grid and its first wheel pattern."""
     out: dict[str, Term] = {}
     for term in catalogue:
@@ -80,7 +82,7 @@ def prior_scale(effect: type[Effect], parameter: str) -> float:
     return 1.0  # an effect without parameters acts or does not
 
 
-def _basis(term: Term, gram: FloatArray) -> FloatArray:
+def _orthonormal_basis(term: Term, gram: FloatArray) -> FloatArray:
     """(p, k) combinations that are orthonormal in the whitened data; fewer where some say nothing."""
     part = term.design[1:]
     inner = part.T @ gram @ part
@@ -89,14 +91,14 @@ def _basis(term: Term, gram: FloatArray) -> FloatArray:
     return np.asarray(part @ (vectors[:, kept] / np.sqrt(values[kept])))
 
 
-def _cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
+def _principal_cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
     """Return the cosine of the smallest principal angle."""
     if not one.shape[1] or not other.shape[1]:
         return 0.0
     return float(min(np.linalg.svd(one.T @ gram @ other, compute_uv=False)[0], 1.0))
 
 
-def advice(effect: str, confounded_with: tuple[str, ...]) -> str:
+def separating_manoeuvre(effect: str, confounded_with: tuple[str, ...]) -> str:
     """Return the drive that would separate an effect from the first effect that it is confounded with; empty
     where there is none."""
     if not confounded_with:

@@ -28,13 +28,13 @@ LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
 """The searches of this module, as `Finding.found_by` names them."""
 
 
-def lost(regression: Regression, seconds: float) -> list[Finding]:
+def low_speed_loss_findings(regression: Regression, seconds: float) -> list[Finding]:
     """Return the counts that some drive's wheels lose at low speed, by the drive that tells it best."""
-    found = lost_in(regression.examined)
-    return [] if not found else [_lost_finding(max(found, key=lambda one: one.gain), seconds)]
+    found = low_speed_losses_of_drives(regression.examined)
+    return [] if not found else [_low_speed_finding(max(found, key=lambda one: one.gain), seconds)]
 
 
-def lost_in(drives: Sequence[DriveRegression]) -> list[LowSpeedLosses]:
+def low_speed_losses_of_drives(drives: Sequence[DriveRegression]) -> list[LowSpeedLosses]:
     """Return the counts lost at low speed, of each drive that shows it."""
     found = (
         low_speed_losses(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives
@@ -42,7 +42,7 @@ def lost_in(drives: Sequence[DriveRegression]) -> list[LowSpeedLosses]:
     return [one for one in found if one is not None]
 
 
-def _lost_finding(one: LowSpeedLosses, seconds: float) -> Finding:
+def _low_speed_finding(one: LowSpeedLosses, seconds: float) -> Finding:
     margin = one.gain - SETTINGS.counters.lost_admit_nats
     return Finding(
         effect=LOST.name,
@@ -62,7 +62,7 @@ def _lost_finding(one: LowSpeedLosses, seconds: float) -> Finding:
     )
 
 
-def missed(regression: Regression, seconds: float) -> list[Finding]:
+def missed_count_findings(regression: Regression, seconds: float) -> list[Finding]:
     """Return the wheels that lose counts while they turn, in each drive that shows it: how many is the day's
     own.
     """
@@ -102,25 +102,25 @@ def _missed_finding(one: MissedCounts, drives: tuple[str, ...], seconds: float) 
     )
 
 
-def lost_singly(regression: Regression, fit: LeastSquaresFit, seconds: float) -> list[Finding]:
+def single_count_findings(regression: Regression, fit: LeastSquaresFit, seconds: float) -> list[Finding]:
     """Return the wheels that lose or add counts one by one beside the fitted model, in each drive that shows
     it.
     """
     out = []
     for drive in regression.examined:
-        one = single_of(drive, fit)
+        one = single_losses_of(drive, fit)
         if one is not None:
             name = (drive.reader.recording.name,) if len(regression.examined) > 1 else ()
             out.append(_single_finding(one, name, seconds))
     return out
 
 
-def single_of(drive: DriveRegression, fit: LeastSquaresFit) -> SingleLosses | None:
+def single_losses_of(drive: DriveRegression, fit: LeastSquaresFit) -> SingleLosses | None:
     """Return the wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
     recording, car = drive.reader.recording, drive.reader.reference.car
     per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
     count_m = np.where(recording.quantum_rad > 0.0, count_length_m(car.radius_m, np.array(per_rev)), 0.0)
-    left = drive.left(fit.design, fit.values)
+    left = drive.unwhitened_residual(fit.design, fit.values)
     return single_losses(drive.reader.windows, left, count_m, drive.noise.gyro_radps)
 
 

@@ -39,9 +39,9 @@ def ramp_stds(
     """
     one = selection.chosen[which]
     begin, end = one.term.span_s
-    nodes = _nodes(regression, one.term)
-    pairs = _pairs(nodes, begin, end)
-    gains, sizes = _profiled(regression, selection, which, joint_slopes, nodes, pairs)
+    nodes = _trial_times(regression, one.term)
+    pairs = _trial_ramps(nodes, begin, end)
+    gains, sizes = _profile_likelihood(regression, selection, which, joint_slopes, nodes, pairs)
     return interval_stds(one, gains, sizes, pairs.begin_s, pairs.end_s - pairs.begin_s)
 
 
@@ -81,17 +81,17 @@ class _Pairs:
     """(t, p) of the pieces: steps at the nodes, then ramps between neighbours."""
 
 
-def _nodes(regression: Regression, term: Term) -> FloatArray:
+def _trial_times(regression: Regression, term: Term) -> FloatArray:
     """Return the sorted times (m,), s, between which ramps are tried: the found ones and some to either
     side, within the drive."""
-    recording = regression.drives[regression.acting(term)[0]].reader.recording
+    recording = regression.drives[regression.acting_drives(term)[0]].reader.recording
     steps = np.geomspace(*SETTINGS.assessment.ramp_reach_s, SETTINGS.assessment.ramp_nodes)
     offsets = np.concatenate([-steps[::-1], [0.0], steps])
     times = np.concatenate([offsets + float(at) for at in term.span_s])
     return np.unique(np.clip(times, min(0.0, *term.span_s), max(float(recording.edges_s[-1]), *term.span_s)))
 
 
-def _pairs(nodes: FloatArray, begin: float, end: float) -> _Pairs:
+def _trial_ramps(nodes: FloatArray, begin: float, end: float) -> _Pairs:
     """Return all ramps and steps between two nodes, the found one first."""
     count = len(nodes)
     i, j = np.triu_indices(count)
@@ -107,7 +107,7 @@ def _pairs(nodes: FloatArray, begin: float, end: float) -> _Pairs:
     return _Pairs(nodes[i], nodes[j], weights)
 
 
-def _profiled(
+def _profile_likelihood(
     regression: Regression,
     selection: Selection,
     which: int,
@@ -125,11 +125,11 @@ def _profiled(
     for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
-        rows[:, :, 1 : 1 + rest.shape[1]] = drive.acting(rest)
+        rows[:, :, 1 : 1 + rest.shape[1]] = drive.whitened_design(rest)
         for k, slopes in enumerate(joint_slopes):
             if number in slopes:
                 rows[:, :, 1 + rest.shape[1] + k] = drive.whitened(slopes[number][:, :, None])[:, :, 0]
-        if number in regression.acting(term):
+        if number in regression.acting_drives(term):
             wheels = numbers_of(term.wheel)
             columns = [Refined(wheels, at, long).column(drive.reader, drive.base) for at, long in spans]
             rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))

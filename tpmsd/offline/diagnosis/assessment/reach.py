@@ -86,18 +86,20 @@ class WhitenedColumns:
     model: FloatArray
 
 
-def reach(drives: Sequence[WhitenedColumns]) -> Reach:
+def assess_reach(drives: Sequence[WhitenedColumns]) -> Reach:
     """Compare three models on held-out blocks (every fifth, of each drive)."""
     gains = [np.zeros((2, *one.measured.shape)) for one in drives]
     residuals = [np.zeros(one.measured.shape) for one in drives]
     folds = [Grams(one.white, one.blocks).by_fold(FOLDS) for one in drives]
     for fold in range(FOLDS):
         trained = [np.delete(one, fold, axis=0).sum(axis=0) for one in folds]
-        values = [_fitted(drives, trained, name) for name in _MODELS]
+        values = [_fitted_values(drives, trained, name) for name in _MODELS]
         for one, gram, gain, left in zip(drives, trained, gains, residuals, strict=True):
             here = one.blocks % FOLDS == fold
-            rolling, found = (_weights(one, name, v) for name, v in zip(_MODELS, values, strict=True))
-            free = found - _flexible(one, found, gram)
+            rolling, found = (
+                _residual_weights(one, name, v) for name, v in zip(_MODELS, values, strict=True)
+            )
+            free = found - _flexible_weights(one, found, gram)
             rows = [one.white[here] @ weights for weights in (rolling, found, free)]
             gain[0, here] = 0.5 * (rows[0] ** 2 - rows[1] ** 2)
             gain[1, here] = 0.5 * (rows[1] ** 2 - rows[2] ** 2)
@@ -114,12 +116,14 @@ def reach(drives: Sequence[WhitenedColumns]) -> Reach:
         channels={
             name: _channel_reach(name, measured, found_gain, left_gain, np.concatenate(residuals))
             for name in dict.fromkeys(CHANNEL_NAMES)
-            if measured[:, _columns(name)].any()
+            if measured[:, _channel_mask(name)].any()
         },
     )
 
 
-def _fitted(drives: Sequence[WhitenedColumns], trained: Sequence[FloatArray], which: str) -> FloatArray:
+def _fitted_values(
+    drives: Sequence[WhitenedColumns], trained: Sequence[FloatArray], which: str
+) -> FloatArray:
     """(k,) values of a design, fitted to Gram matrices (n, n) of all drives' trained blocks."""
     gram: FloatArray = np.zeros(0)
     for one, whole in zip(drives, trained, strict=True):
@@ -132,14 +136,14 @@ def _fitted(drives: Sequence[WhitenedColumns], trained: Sequence[FloatArray], wh
     return np.asarray(np.linalg.solve(A, gram[1:, 0] * scale) * scale)
 
 
-def _weights(one: WhitenedColumns, which: str, values: FloatArray) -> FloatArray:
+def _residual_weights(one: WhitenedColumns, which: str, values: FloatArray) -> FloatArray:
     """(n,) weights of the columns in the residual of a design with these values."""
     weights: FloatArray = -getattr(one, which) @ values
     weights[0] += 1.0
     return weights
 
 
-def _flexible(one: WhitenedColumns, found: FloatArray, gram: FloatArray) -> FloatArray:
+def _flexible_weights(one: WhitenedColumns, found: FloatArray, gram: FloatArray) -> FloatArray:
     """(n,) weights of what the flexible model takes out of the found model's residual, by the Gram matrix
     (n, n) of the trained blocks.
 
@@ -171,14 +175,14 @@ def _flexible(one: WhitenedColumns, found: FloatArray, gram: FloatArray) -> Floa
     return out
 
 
-def _columns(name: str) -> np.ndarray:
+def _channel_mask(name: str) -> np.ndarray:
     return np.array([channel == name for channel in CHANNEL_NAMES])
 
 
 def _channel_reach(
     name: str, measured: np.ndarray, found: FloatArray, left: FloatArray, residual: FloatArray
 ) -> ChannelReach:
-    at = _columns(name)
+    at = _channel_mask(name)
     rows, here = np.where(measured[:, at], residual[:, at], np.nan), int(measured[:, at].sum())
     rows = rows - np.nanmean(rows)
     correlations = []

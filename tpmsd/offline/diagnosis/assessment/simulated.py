@@ -47,7 +47,7 @@ class CommonEffect:
     @property
     def key(self) -> tuple[str, ...]:
         """Return what it is, wherever it acts."""
-        return key_of(self.term)
+        return drive_independent_key(self.term)
 
 
 @dataclass(frozen=True)
@@ -82,18 +82,18 @@ class Differences(Hypotheses):
         """Return the gain of each pulse that acts in the recording, with its term."""
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
 
-    def first(self, which: CommonEffect) -> int:
+    def first_value_index(self, which: CommonEffect) -> int:
         """Return where the values of a common effect begin in a fit."""
         before = self.common[: [one.key for one in self.common].index(which.key)]
         return int(self.joint.nuisance.shape[1] + sum(one.term.design.shape[1] for one in before))
 
 
-def key_of(term: Term) -> tuple[str, ...]:
+def drive_independent_key(term: Term) -> tuple[str, ...]:
     """Return what a term is, wherever it acts."""
     return (term.effect, term.wheel, term.pattern, term.covariate)
 
 
-def floored(noise: Noise, recorded: Noise) -> Noise:
+def floored_noise(noise: Noise, recorded: Noise) -> Noise:
     """Return a simulation's noise, no smaller than a share of the recording's."""
     changes: dict[str, Any] = {}
     for field in fields(Noise):
@@ -110,7 +110,7 @@ def floored(noise: Noise, recorded: Noise) -> Noise:
     return replace(noise, **changes)
 
 
-def differences(
+def select_differences(
     regression: Regression, selection: Selection, evidence: Evidence
 ) -> tuple[Selection, Evidence]:
     """Choose what differs; the regression's hypotheses are `Differences` from then on.
@@ -121,23 +121,25 @@ def differences(
     assert isinstance(joint, JointHypotheses)
     common: list[CommonEffect] = []
     silent: set[tuple[str, ...]] = set()
-    evidence = _take(regression, joint, evidence, [one.term for one in selection.chosen], common, silent)
+    evidence = _move_to_common(
+        regression, joint, evidence, [one.term for one in selection.chosen], common, silent
+    )
     for last in (*[False] * SETTINGS.assessment.simulation_rounds, True):
         regression.hypotheses = Differences(joint, common)
         selector = Selector(evidence, regression.hypotheses)
         found = selector.select()
-        free = [one.term for one in found.chosen if not _settled(one.term, common, silent)]
+        free = [one.term for one in found.chosen if not _is_settled(one.term, common, silent)]
         if not free:
             return found, evidence
         if last:
-            settled = [one.term for one in found.chosen if _settled(one.term, common, silent)]
-            return selector.judged(settled), evidence
+            settled = [one.term for one in found.chosen if _is_settled(one.term, common, silent)]
+            return selector.selection_of(settled), evidence
         regression.hypotheses = joint
-        evidence = _take(regression, joint, evidence, free, common, silent)
+        evidence = _move_to_common(regression, joint, evidence, free, common, silent)
     raise AssertionError("unreachable")
 
 
-def compared(regression: Regression, selection: Selection) -> list[EffectDifference]:
+def effect_differences(regression: Regression, selection: Selection) -> list[EffectDifference]:
     """For each difference, who holds the effect; empty where there is no simulation."""
     hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
@@ -147,18 +149,18 @@ def compared(regression: Regression, selection: Selection) -> list[EffectDiffere
     for one in selection.chosen:
         at = np.arange(start, start + len(one.values))
         start += len(one.values)
-        shared_effect = next((c for c in hypotheses.common if c.key == key_of(one.term)), None)
+        shared_effect = next((c for c in hypotheses.common if c.key == drive_independent_key(one.term)), None)
         shared = np.zeros((len(at), selection.fit.design.shape[1]))
         if shared_effect is not None:
-            first = hypotheses.first(shared_effect)
+            first = hypotheses.first_value_index(shared_effect)
             for k, name in enumerate(one.term.parameters):
                 if name in shared_effect.term.parameters:
                     shared[k, first + shared_effect.term.parameters.index(name)] = 1.0
         both = shared.copy()
         both[np.arange(len(at)), at] = 1.0
         ratio = float(np.max(one.stds**2 / np.maximum(np.diag(selection.fit.covariance)[at], 1e-300)))
-        simulated, there = _valued(one, selection.fit, shared, ratio)
-        recorded, here = _valued(one, selection.fit, both, ratio)
+        simulated, there = _with_combined_values(one, selection.fit, shared, ratio)
+        recorded, here = _with_combined_values(one, selection.fit, both, ratio)
         by = SIMULATION if there > max(here, SETTINGS.assessment.seen_stds) else RECORDING
         if min(there, here) > SETTINGS.assessment.seen_stds:
             by = BOTH
@@ -166,7 +168,7 @@ def compared(regression: Regression, selection: Selection) -> list[EffectDiffere
     return out
 
 
-def whole_model(regression: Regression, selection: Selection) -> list[Chosen]:
+def recorded_terms(regression: Regression, selection: Selection) -> list[Chosen]:
     """Return what the recording holds in all, what it has in common with the simulation included; empty where
     there is no simulation.
     """
@@ -175,10 +177,12 @@ def whole_model(regression: Regression, selection: Selection) -> list[Chosen]:
         return []
     out: list[Chosen] = []
     taken = []
-    for difference, one in zip(selection.chosen, compared(regression, selection), strict=True):
+    for difference, one in zip(selection.chosen, effect_differences(regression, selection), strict=True):
         if difference.term.calibrates:
             continue
-        same = one.shared_effect is not None and _similar(one.shared_effect.term, one.recorded.term)
+        same = one.shared_effect is not None and _has_same_nonlinear_values(
+            one.shared_effect.term, one.recorded.term
+        )
         if not same and one.shared_effect is not None:
             out.append(difference)
         elif one.by != SIMULATION:
@@ -187,7 +191,7 @@ def whole_model(regression: Regression, selection: Selection) -> list[Chosen]:
             taken.append(one.shared_effect)
     for common in hypotheses.common:
         if all(common is not one for one in taken) and not common.term.calibrates:
-            at = hypotheses.first(common) + np.arange(common.term.design.shape[1])
+            at = hypotheses.first_value_index(common) + np.arange(common.term.design.shape[1])
             stds = np.sqrt(np.diag(selection.fit.covariance)[at])
             out.append(Chosen(common.term, 0.0, 0.0, 0.0, 1.0, (), selection.fit.values[at], stds))
     return out
@@ -198,28 +202,36 @@ def simulated_effects(regression: Regression, selection: Selection) -> tuple[str
     hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return ()
-    lacking = {key_of(one.recorded.term) for one in compared(regression, selection) if one.by == RECORDING}
+    lacking = {
+        drive_independent_key(one.recorded.term)
+        for one in effect_differences(regression, selection)
+        if one.by == RECORDING
+    }
     seen = [one for one in hypotheses.common if one.key not in lacking and not one.term.calibrates]
     return tuple(dict.fromkeys(one.term.effect for one in seen))
 
 
-def _similar(one: Term, other: Term) -> bool:
+def _has_same_nonlinear_values(one: Term, other: Term) -> bool:
     return all(
         getattr(one, name) == getattr(other, name)
         for name in ("parameters", "span_s", "at", "second", "course")
     )
 
 
-def _valued(one: Chosen, fit: LeastSquaresFit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
+def _with_combined_values(
+    one: Chosen, fit: LeastSquaresFit, into: FloatArray, ratio: float
+) -> tuple[Chosen, float]:
     """Return a term with other combinations of the fit's values, and their distance from zero in
     deviations.
     """
     covariance = into @ fit.covariance @ into.T * ratio
     values = into @ fit.values
-    return replace(one, values=values, stds=np.sqrt(np.diag(covariance))), _size(values, covariance)
+    return replace(one, values=values, stds=np.sqrt(np.diag(covariance))), _distance_from_zero(
+        values, covariance
+    )
 
 
-def _size(values: FloatArray, covariance: FloatArray) -> float:
+def _distance_from_zero(values: FloatArray, covariance: FloatArray) -> float:
     """Return how many standard deviations values are from zero, as of one value of the same probability,
     roughly.
     """
@@ -229,13 +241,14 @@ def _size(values: FloatArray, covariance: FloatArray) -> float:
     return float(np.sqrt(max(square - (len(values) - 1), 0.0)))
 
 
-def _settled(term: Term, common: Sequence[CommonEffect], silent: set[tuple[str, ...]]) -> bool:
-    return key_of(term) in silent or any(
-        one.key == key_of(term) and set(term.parameters) <= set(one.term.parameters) for one in common
+def _is_settled(term: Term, common: Sequence[CommonEffect], silent: set[tuple[str, ...]]) -> bool:
+    return drive_independent_key(term) in silent or any(
+        one.key == drive_independent_key(term) and set(term.parameters) <= set(one.term.parameters)
+        for one in common
     )
 
 
-def _take(
+def _move_to_common(
     regression: Regression,
     joint: JointHypotheses,
     evidence: Evidence,
@@ -244,8 +257,8 @@ def _take(
     silent: set[tuple[str, ...]],
 ) -> Evidence:
     """Make these terms part of what both hold (or note that the simulation is silent about them)."""
-    wanted = [term for term in terms if not _settled(term, common, silent)]
-    exact = {term: _refined(term) for term in wanted}
+    wanted = [term for term in terms if not _is_settled(term, common, silent)]
+    exact = {term: _exact_columns(term) for term in wanted}
     columns: list[tuple[Refined, dict[int, FloatArray]]] = []
     for part in (part for term in wanted for part in exact[term]):
         by_drive = {k: part.column(drive.reader, drive.base) for k, drive in enumerate(regression.drives)}
@@ -254,9 +267,11 @@ def _take(
     if columns:
         evidence = regression.evidence()
         for k, one in enumerate(common):
-            common[k] = CommonEffect(replace(one.term, design=widened(one.term.design, regression.width)))
+            common[k] = CommonEffect(
+                replace(one.term, design=widened_design(one.term.design, regression.width))
+            )
     for term in wanted:
-        design = _shared(
+        design = _common_design(
             term,
             regression,
             joint,
@@ -264,16 +279,16 @@ def _take(
         )
         if (
             design is None
-            or _information(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent
+            or _information_ratio(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent
         ):
-            silent.add(key_of(term))
+            silent.add(drive_independent_key(term))
             continue
-        common[:] = [one for one in common if one.key != key_of(term)]
+        common[:] = [one for one in common if one.key != drive_independent_key(term)]
         common.append(CommonEffect(replace(term, design=design, drive=None)))
     return evidence
 
 
-def _shared(
+def _common_design(
     term: Term, regression: Regression, joint: JointHypotheses, columns: list[list[FloatArray]]
 ) -> FloatArray | None:
     """Return the design of a term as what both drives hold; None where the simulation has no column of it.
@@ -285,14 +300,14 @@ def _shared(
         design, alone = (np.concatenate(each, axis=1) for each in zip(*columns, strict=True))
         joint.catalogue.append(replace(term, design=alone, drive=0))
         return design
-    design = widened(term.design, regression.width)
+    design = widened_design(term.design, regression.width)
     if term.drive is None:
         return design
-    mirror = joint.mirrored(design, term.drive, 1 - term.drive)
+    mirror = joint.design_in_other_drive(design, term.drive, 1 - term.drive)
     return None if mirror is None else design + mirror
 
 
-def _refined(term: Term) -> tuple[Refined, ...]:
+def _exact_columns(term: Term) -> tuple[Refined, ...]:
     """Return what has an onset or a time constant of its own, as columns of both drives; none of
     other terms.
     """
@@ -302,7 +317,7 @@ def _refined(term: Term) -> tuple[Refined, ...]:
     return () if term.at is None else refined(term, term.at, term.second or 0.0)
 
 
-def _information(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
+def _information_ratio(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
     """Return what the simulation tells about a design's values, over what the recording tells: the least of
     them.
     """
@@ -319,6 +334,6 @@ def _information(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -
     return float(np.min(simulated / np.maximum(recorded, 1e-300)))
 
 
-def widened(design: FloatArray, width: int) -> FloatArray:
+def widened_design(design: FloatArray, width: int) -> FloatArray:
     """(1 + width, k) a design with room for columns that were added since."""
     return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

@@ -32,13 +32,13 @@ def nonlinear_stds(regression: Regression, selection: Selection) -> dict[int, di
     owner: list[tuple[int, str, float]] = []
     for k, one in enumerate(selection.chosen):
         by_drive = {
-            number: _tangents(regression.drives[number], one) for number in regression.acting(one.term)
+            number: _tangents(regression.drives[number], one) for number in regression.acting_drives(one.term)
         }
         for name in dict.fromkeys(name for found in by_drive.values() for name in found):
             tangents.append({number: found[name].by for number, found in by_drive.items()})
             owner.append((k, name, min(found[name].reach_s for found in by_drive.values())))
     out = {
-        k: _of_grid(regression, selection, k, tangents)
+        k: _stds_of_grid_effect(regression, selection, k, tangents)
         for k, one in enumerate(selection.chosen)
         if one.term.at is not None
     }
@@ -58,10 +58,10 @@ def nonlinear_stds(regression: Regression, selection: Selection) -> dict[int, di
         if k in owners:
             out[k][one.term.parameters[0]] = float(std[start]) * math.sqrt(one.overdispersion)
         start += one.term.design.shape[1]
-    return out | _of_ramps(regression, selection, tangents, owners)
+    return out | _stds_of_ramps(regression, selection, tangents, owners)
 
 
-def _of_ramps(
+def _stds_of_ramps(
     regression: Regression, selection: Selection, tangents: list[dict[int, FloatArray]], owners: list[int]
 ) -> dict[int, dict[str, float]]:
     """Return, by index in the selection, standard deviations of changes of radii; each beside the tangents
@@ -70,12 +70,12 @@ def _of_ramps(
     for k, one in enumerate(selection.chosen):
         if one.term.ramp:
             joint_slopes = [slope for slope, owned in zip(tangents, owners, strict=True) if owned != k]
-            stds_of = ramp_stds if is_linear_ramp(one.term) else _of_course
+            stds_of = ramp_stds if is_linear_ramp(one.term) else _stds_of_curved_ramp
             out[k] = stds_of(regression, selection, k, joint_slopes)
     return out
 
 
-def _of_course(
+def _stds_of_curved_ramp(
     regression: Regression, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
     """Return standard deviations of size, onset and time constant of a change that is no linear ramp.
@@ -90,7 +90,7 @@ def _of_course(
     factors = np.geomspace(1.0, SETTINGS.assessment.longest_share, SETTINGS.assessment.seconds)
     taus = tau * np.concatenate([factors, 1.0 / factors[1:]])
     trials = [(at, long, one.term.course) for at in onsets for long in taus]
-    gains, sizes = _profiled(regression, selection, which, tangents, trials)
+    gains, sizes = _profile_likelihood(regression, selection, which, tangents, trials)
     first, second = (np.array([trial[k] for trial in trials], np.float64) for k in (0, 1))
     return interval_stds(one, gains, sizes[0], first, second)
 
@@ -104,7 +104,7 @@ def _joint_stds(
     gram = np.zeros((first + len(tangents), first + len(tangents)))
     for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
-        rows[:, :, :first] = drive.acting(selection.fit.design)
+        rows[:, :, :first] = drive.whitened_design(selection.fit.design)
         mine = [j for j, tangent in enumerate(tangents) if number in tangent]
         if mine:
             trial = np.stack([tangents[j][number] for j in mine], axis=2)
@@ -116,7 +116,7 @@ def _joint_stds(
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(A))) / scale)
 
 
-def _of_grid(
+def _stds_of_grid_effect(
     regression: Regression, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
     """Standard deviations of an effect's linear parameters and of the nonlinear ones; `tangents` by drive, of
@@ -136,7 +136,7 @@ def _of_grid(
             [[one.term.second], np.geomspace(*grid.second.range, SETTINGS.assessment.seconds)]
         )
     firsts = np.concatenate([[tau], np.geomspace(*grid.range, SETTINGS.assessment.firsts)])
-    gains, sizes = _profiled(
+    gains, sizes = _profile_likelihood(
         regression, selection, which, tangents, [(a, b) for a in firsts for b in seconds]
     )
     gains = gains.reshape(len(firsts), len(seconds))
@@ -160,7 +160,7 @@ def _of_grid(
     return {**out, **dict(zip(one.term.parameters, stds.tolist(), strict=True))}
 
 
-def _profiled(
+def _profile_likelihood(
     regression: Regression,
     selection: Selection,
     which: int,
@@ -175,11 +175,11 @@ def _profiled(
     linear_only = 1 + rest.shape[1]
     known = linear_only + len(tangents)
     gram = np.zeros((known + own * len(trials), known + own * len(trials)))
-    acting = regression.acting(one.term)
+    acting = regression.acting_drives(one.term)
     for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
-        rows[:, :, 1:linear_only] = drive.acting(rest)
+        rows[:, :, 1:linear_only] = drive.whitened_design(rest)
         for j, tangent in enumerate(tangents):
             if number in tangent:
                 rows[:, :, linear_only + j] = drive.whitened(tangent[number][:, :, None])[:, :, 0]
@@ -210,8 +210,8 @@ def _profile_interval(
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)
     ends = [
-        crossing(gains[order], lowest, int(inside[0]), -1),
-        crossing(gains[order], lowest, int(inside[-1]), 1),
+        level_crossing(gains[order], lowest, int(inside[0]), -1),
+        level_crossing(gains[order], lowest, int(inside[-1]), 1),
     ]
     grid = np.arange(len(trials), dtype=np.float64)
     reach = float(np.abs(np.interp(ends, grid, trials[order]) - trials[0]).max())
@@ -219,7 +219,7 @@ def _profile_interval(
     return reach, np.array(spread)
 
 
-def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
+def level_crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
     """Return where, from a point inside outwards, the gains fall to the level; between grid points as a
     parabola about the greatest of them does, whose root is a line.
     """

@@ -29,7 +29,7 @@ RING = "ripple of the ring"
 CHANNEL, COVARIATE = TEETH.identification.shows_in
 
 
-def teeth(regression: Regression, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:
+def tooth_findings(regression: Regression, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:
     """Return the wheels whose teeth are uneven in some drive, or of the wrong number in all.
 
     Compared with a simulation: those of the recording that the simulation does not hold alike.
@@ -40,17 +40,21 @@ def teeth(regression: Regression, calibration: LeastSquaresFit, seconds: float) 
         for ripple in ripples(drive.reader.recording, drive.reader.reference):
             if ripple.gain >= 0.5 * SETTINGS.counters.ripple_admit_nats + choice:
                 by_wheel.setdefault(ripple.wheel, []).append(ripple)
-    wrong = _wrong(regression, calibration)
+    wrong = _wrong_tooth_numbers(regression, calibration)
     configured = regression.drives[0].reader.recording.car.teeth_per_rev
-    out = [_uneven(found, seconds) for found in by_wheel.values()]
+    out = [_uneven_finding(found, seconds) for found in by_wheel.values()]
     if not regression.simulation:
         return out + [
-            _miscounted(name, count, configured) for name, count in sorted(set.intersection(*wrong))
+            _tooth_number_finding(name, count, configured) for name, count in sorted(set.intersection(*wrong))
         ]
     simulated = regression.drives[1].reader
     rings = {ring.wheel: ring for ring in ripples(simulated.recording, simulated.reference)}
-    beyond = [one for one in (_beyond(finding, rings) for finding in out) if one is not None]
-    miscounted = [_miscounted(name, count, configured) for name, count in sorted(wrong[0] - wrong[1])]
+    beyond = [
+        one for one in (_without_simulated_ripple(finding, rings) for finding in out) if one is not None
+    ]
+    miscounted = [
+        _tooth_number_finding(name, count, configured) for name, count in sorted(wrong[0] - wrong[1])
+    ]
     return beyond + [replace(finding, held_by=RECORDING) for finding in miscounted]
 
 
@@ -67,7 +71,7 @@ def ordinary_ring_note(finding: Finding, speeds: bool) -> str:
     return note and f"the ring of {finding.parameters['wheel'].value}: {note}"
 
 
-def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
+def _without_simulated_ripple(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
     """Return a finding less what the simulation holds of it; None if that is all."""
     ring = simulated.get(str(finding.parameters["wheel"].value))
     if ring is None:
@@ -88,7 +92,7 @@ def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
     )
 
 
-def _uneven(found: list[Ripple], seconds: float) -> Finding:
+def _uneven_finding(found: list[Ripple], seconds: float) -> Finding:
     """Return one ring in the drives that show it; the phase is that of the first, for angles start again."""
     weight = np.array([one.std_rad**-2 for one in found])
     gain = sum(one.gain for one in found)
@@ -112,7 +116,9 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
     )
 
 
-def _wrong(regression: Regression, calibration: LeastSquaresFit) -> list[set[tuple[str, float]]]:
+def _wrong_tooth_numbers(
+    regression: Regression, calibration: LeastSquaresFit
+) -> list[set[tuple[str, float]]]:
     """Return, by drive, the wheels that show another number of teeth than is configured, and that number.
 
     A wheel of no name stands for all four.
@@ -134,7 +140,7 @@ def _wrong(regression: Regression, calibration: LeastSquaresFit) -> list[set[tup
     return found
 
 
-def _miscounted(name: str, teeth: float, configured: float) -> Finding:
+def _tooth_number_finding(name: str, teeth: float, configured: float) -> Finding:
     """Return a wheel, or all of them, whose ring has another number of teeth."""
     of_wheel = {} if name == ALL else {"wheel": Quantity(name, None, "")}
     (radius,) = (p for p in RADIUS.parameters if isinstance(p, Parameter))

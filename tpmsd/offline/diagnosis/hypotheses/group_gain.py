@@ -23,7 +23,7 @@ def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[flo
 def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
     """Return the same of a design that has these rows (m,) alone, `part` (m, k)."""
     if part.shape == (1, 1):
-        return _gain_of_one(float(part[0, 0]), float(gram[rows[0], rows[0]]), float(b[rows[0]]))
+        return _gain_of_scaled_column(float(part[0, 0]), float(gram[rows[0], rows[0]]), float(b[rows[0]]))
     A = part.T @ gram[rows[:, None], rows] @ part
     score = part.T @ b[rows]
     scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
@@ -34,7 +34,7 @@ def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatA
     return 0.5 * float(score @ values), float(values[0] / scale[0])
 
 
-def _gain_of_one(factor: float, square: float, correlation: float) -> tuple[float, float]:
+def _gain_of_scaled_column(factor: float, square: float, correlation: float) -> tuple[float, float]:
     """Return the same of a multiple of one column, as most effects are: the matrices of `gain_of_rows` are
     numbers.
     """

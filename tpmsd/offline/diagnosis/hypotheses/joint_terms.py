@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import (
     Name,
     Term,
     for_drive,
-    usual_singles,
+    single_value_designs,
 )
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
@@ -90,28 +90,30 @@ class JointHypotheses(Hypotheses):
         ]
         self._own_splines: dict[tuple[int, str, int], list[Term]] = {}
         self._indices = [{name: at for at, name in names.items()} for names in self._names]
-        calibration = [self._embedded(number, one.nuisance, width) for number, one in enumerate(self._drives)]
+        calibration = [
+            self._embedded_design(number, one.nuisance, width) for number, one in enumerate(self._drives)
+        ]
         super().__init__(
             nuisance=np.concatenate(calibration, axis=1),
-            catalogue=[replace(term, design=_wide(term.design, width)) for term in common.catalogue]
+            catalogue=[replace(term, design=_padded_design(term.design, width)) for term in common.catalogue]
             + [
-                self._of(number, term, width)
+                self._term_of_drive(number, term, width)
                 for number, one in enumerate(self._drives)
                 for term in one.catalogue
             ],
-            splines=[replace(term, design=_wide(term.design, width)) for term in common.splines],
+            splines=[replace(term, design=_padded_design(term.design, width)) for term in common.splines],
             car=car,
         )
 
     @property
-    def everything(self) -> FloatArray:
+    def fullest_design(self) -> FloatArray:
         """Return what the base returns, each drive with values of its own: what all of them share is told by
         these.
         """
         own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
-        return np.concatenate([self.nuisance, *usual_singles(own)], axis=1)
+        return np.concatenate([self.nuisance, *single_value_designs(own)], axis=1)
 
-    def mirrored(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:
+    def design_in_other_drive(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:
         """(1 + p, k) one drive's own design in another's columns of the same names; None if it lacks them."""
         out = np.zeros_like(design)
         for row in np.flatnonzero(np.any(design != 0.0, axis=1)):
@@ -128,7 +130,7 @@ class JointHypotheses(Hypotheses):
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
             for gain, term in one.ramp_gains(gram[np.ix_(at, at)], b[at]):
-                out.append((gain, self._of(number, term, self.width)))
+                out.append((gain, self._term_of_drive(number, term, self.width)))
         return out
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -137,7 +139,7 @@ class JointHypotheses(Hypotheses):
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
             for gain, term in one.pulse_gains(gram[np.ix_(at, at)], b[at]):
-                out.append((gain, self._of(number, term, self.width)))
+                out.append((gain, self._term_of_drive(number, term, self.width)))
         return out
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -149,7 +151,7 @@ class JointHypotheses(Hypotheses):
             best = sorted(gains, key=lambda entry: entry[1].penalty - entry[0])[
                 : SETTINGS.hypotheses.best_per_drive
             ]
-            out += [(gain, self._of(number, term, self.width)) for gain, term in best]
+            out += [(gain, self._term_of_drive(number, term, self.width)) for gain, term in best]
         return out
 
     def shapes_over(self, like: Term) -> list[Term]:
@@ -162,19 +164,19 @@ class JointHypotheses(Hypotheses):
         which = (drive, covariate, self.width)
         if which not in self._own_splines:
             mine = [one for one in self._drives[drive].splines if covariate in ("", one.covariate)]
-            self._own_splines[which] = [self._of(drive, one, self.width) for one in mine]
+            self._own_splines[which] = [self._term_of_drive(drive, one, self.width) for one in mine]
         return self._own_splines[which]
 
-    def _of(self, drive: int, term: Term, width: int) -> Term:
-        embedded = replace(term, design=self._embedded(drive, term.design, width))
+    def _term_of_drive(self, drive: int, term: Term, width: int) -> Term:
+        embedded = replace(term, design=self._embedded_design(drive, term.design, width))
         return for_drive(embedded, drive, len(self._drives))
 
-    def _embedded(self, drive: int, design: FloatArray, width: int) -> FloatArray:
+    def _embedded_design(self, drive: int, design: FloatArray, width: int) -> FloatArray:
         """(width, k) one drive's own design in the common index."""
         out = np.zeros((width, design.shape[1]))
         out[self._at[drive]] = design
         return out
 
 
-def _wide(design: FloatArray, width: int) -> FloatArray:
+def _padded_design(design: FloatArray, width: int) -> FloatArray:
     return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

@@ -53,13 +53,13 @@ class DriveHypotheses(Hypotheses):
         for k, (a, b) in enumerate(self._pairs):
             self._ramps[a:b, k] = 1.0 / (b - a)
         super().__init__(
-            nuisance=self._unit([name for name in names if name[0] in ALWAYS]),
+            nuisance=self._unit_design([name for name in names if name[0] in ALWAYS]),
             catalogue=[term for term in self._catalogue_terms() if term.effect not in unusable],
             splines=self._spline_terms(),
             car=car,
         )
 
-    def _unit(self, names: list[Name]) -> FloatArray:
+    def _unit_design(self, names: list[Name]) -> FloatArray:
         out = np.zeros((len(self._column_of), len(names)))
         for k, name in enumerate(names):
             out[self._column_of[name], k] = 1.0
@@ -73,7 +73,7 @@ class DriveHypotheses(Hypotheses):
             name, pattern, at = group[0].effect, group[0].wheel_pattern, group[0].at
             penalty = SETTINGS.hypotheses.per_value_nats * len(group) + grid_penalty(EFFECTS[name], at)
             penalty += math.log(max(len(EFFECTS[name].identification.wheel_patterns), 1))
-            design = self._unit([probe.key for probe in group])
+            design = self._unit_design([probe.key for probe in group])
             parameters = tuple(probe.parameter for probe in group)
             out.append(Term(name, design, parameters, penalty, pattern=pattern, at=at))
         return out
@@ -105,11 +105,11 @@ class DriveHypotheses(Hypotheses):
             slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(pattern)
             # Of an axle, events alone: a shape over what both wheels share is told better by its covariate.
             free = (NONPARAMETRIC.name,) if len(wheels) == 1 else ()
-            for effect in (*free, *self._events(pattern, slip, span[1] - span[0])):
-                out.append((float(gain[i, j]), self._pulse(effect, pattern, span, design)))
+            for effect in (*free, *self._matching_events(pattern, slip, span[1] - span[0])):
+                out.append((float(gain[i, j]), self._pulse_term(effect, pattern, span, design)))
         return out
 
-    def _events(self, pattern: str, slip: float, duration_s: float) -> list[str]:
+    def _matching_events(self, pattern: str, slip: float, duration_s: float) -> list[str]:
         """Events that make these wheels slip so for so long."""
         wheels = list(wheels_of(pattern))
         driven, axle = bool(self.car.driven[wheels].all()), len(wheels) == 2
@@ -131,10 +131,10 @@ class DriveHypotheses(Hypotheses):
             floor = 1e-6 * float(np.max(information, initial=1e-30))
             gain = 0.5 * score**2 / np.maximum(information, floor)
             best = int(np.argmax(np.where(information > floor, gain, 0.0)))
-            out.append((float(gain[best]), self.ramp(" ".join(wheels), best)))
+            out.append((float(gain[best]), self.ramp_term(" ".join(wheels), best)))
         return out
 
-    def ramp(self, wheels: str, pair: int) -> Term:
+    def ramp_term(self, wheels: str, pair: int) -> Term:
         """Return the radius change of a wheel, or of several alike, between a pair of knots."""
         a, b = self._pairs[pair]
         design = np.zeros((self.width, 1))

@@ -64,7 +64,7 @@ def counter_bounds(rates: Sequence[Rates]) -> Bounds:
     return out
 
 
-def with_completions(terms: Sequence[Term], completions: Mapping[tuple[str, str], str]) -> FloatArray:
+def completion_matrix(terms: Sequence[Term], completions: Mapping[tuple[str, str], str]) -> FloatArray:
     """(k, k) from all fitted values of the terms to the values that limits apply to."""
     names = [(which, name) for which, term in enumerate(terms) for name in term.parameters]
     out = np.eye(len(names))
@@ -74,7 +74,7 @@ def with_completions(terms: Sequence[Term], completions: Mapping[tuple[str, str]
     return out
 
 
-def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
+def is_plausible(term: Term, values: FloatArray, bounds: Bounds) -> bool:
     """Return whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
     if term.on_radii and float(np.abs(values).max()) < SETTINGS.hypotheses.smallest_radius_m:
         return False
@@ -91,7 +91,7 @@ def ratio_limits(term: Term) -> tuple[float, float] | None:
     return None if len(term.parameters) != 2 else term.kind_of.nonlinear.ratio_limits
 
 
-def against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:
+def nats_against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:
     """Return what the data say against all ratios of a term's two values that its effect allows: nats."""
     limits = ratio_limits(term)
     if limits is None or limits[0] * values[0] ** 2 <= values[0] * values[1] <= limits[1] * values[0] ** 2:

@@ -76,7 +76,7 @@ def linear_columns(
     and slips by the tyre model."""
     out = Columns()
     for part in (
-        radius_columns(reader),
+        calibration_columns(reader),
         catalogue_columns(reader, base),
         ramp_columns(reader),
         smooth_columns(reader, knots, stds),
@@ -87,7 +87,7 @@ def linear_columns(
     return out
 
 
-def available(reader: Reader) -> frozenset[str]:
+def available_readings(reader: Reader) -> frozenset[str]:
     """Return which readings a drive has, by the names that effects use for what they need."""
     known = np.isfinite(reader.windows.measured).sum(axis=0)
     by = reader.reference.grade_by
@@ -107,12 +107,12 @@ def available(reader: Reader) -> frozenset[str]:
     return frozenset(name for name, there in here.items() if there)
 
 
-def radius_columns(reader: Reader) -> Columns:
+def calibration_columns(reader: Reader) -> Columns:
     """Return what is always fitted: a constant per wheel that is read, and what instruments always do."""
     out = Columns()
     for wheel in reader.recording.wheels:
-        out.add((RADIUS.name, WHEELS[wheel]), _of_radius(reader, wheel))
-    here = available(reader)
+        out.add((RADIUS.name, WHEELS[wheel]), _radius_response(reader, wheel))
+    here = available_readings(reader)
     for probe in probes():
         effect = EFFECTS[probe.effect]
         if (
@@ -131,18 +131,18 @@ def catalogue_columns(
     `base`.
     """
     base = ROLLING if base is None else base
-    here = available(reader)
+    here = available_readings(reader)
     out = Columns()
     for probe in probes():
         effect = EFFECTS[probe.effect]
         if only is not None and probe.effect not in only:
             continue
         if not effect.identification.always_fitted and here >= set(effect.identification.needs):
-            out.add(probe.key, _response(reader, probe, base))
+            out.add(probe.key, _unit_response(reader, probe, base))
     return out
 
 
-def _response(reader: Reader, probe: FittedParameter, base: ExtendedModel) -> FloatArray:
+def _unit_response(reader: Reader, probe: FittedParameter, base: ExtendedModel) -> FloatArray:
     """(w, 9) to a unit of a parameter: from neutral where the effect is not in the model, else the tangent at
     the value that it has there (the response of a low-pass of 1 s is not a multiple of that of 0.1 s)."""
     there = next((one for one in base if one.name == probe.effect), None)
@@ -209,7 +209,7 @@ def ramp_columns(reader: Reader) -> Columns:
     since_s = reader.windows.time_s[:, None] - knots[:-1]
     shares = np.clip(since_s / np.maximum(np.diff(knots), 1e-9), 0.0, 1.0)
     for wheel in reader.recording.wheels:
-        per_metre = _of_radius(reader, wheel)[:, wheel]
+        per_metre = _radius_response(reader, wheel)[:, wheel]
         names = [("ramp", WHEELS[wheel], str(k)) for k in range(SETTINGS.hypotheses.ramp_knots)]
         out.add_of_channel(names, wheel, per_metre[:, None] * shares)
     return out
@@ -232,13 +232,13 @@ def smooth_knots(
             else SETTINGS.hypotheses.spline_intervals
         )
         at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
-        at = _apart(at, SETTINGS.hypotheses.apart_stds * stds.get(covariate, 0.0))
+        at = _thinned_knots(at, SETTINGS.hypotheses.apart_stds * stds.get(covariate, 0.0))
         if len(at) >= 3 and np.ptp(at) >= 1e-9:
             out[covariate] = at
     return out
 
 
-def _apart(knots: FloatArray, least: float) -> FloatArray:
+def _thinned_knots(knots: FloatArray, least: float) -> FloatArray:
     """Return the knots thinned to a minimum spacing; the first and the last stay."""
     kept = [float(knots[0])]
     for knot in knots[1:-1]:
@@ -288,7 +288,7 @@ def first_hat(pattern: str) -> int:
 def response_at(reader: Reader, pattern: str) -> FloatArray:
     """(w, 9) response to a wheel's radius (m) or to a reading (m/s, rad, rad/s)."""
     if pattern in WHEELS:
-        return _of_radius(reader, WHEELS.index(pattern))
+        return _radius_response(reader, WHEELS.index(pattern))
     out = np.zeros((len(reader.windows), CHANNELS))
     out[:, READINGS[pattern]] = 1.0
     return out
@@ -318,7 +318,7 @@ def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:
     return np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(len(knots))[None, :]))
 
 
-def _of_radius(reader: Reader, wheel: int) -> FloatArray:
+def _radius_response(reader: Reader, wheel: int) -> FloatArray:
     """(w, 9) response to a metre more radius: the wheel turns less.
 
     By the predicted distance: the measured one shares its reading errors with the residual, and with

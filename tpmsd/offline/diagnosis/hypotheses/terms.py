@@ -84,14 +84,14 @@ class Term:
     """Number of the one drive in which it acts; None where it acts in all."""
 
     @cached_property
-    def acting(self) -> tuple[np.ndarray, FloatArray]:
+    def nonzero_rows(self) -> tuple[np.ndarray, FloatArray]:
         """Numbers (m,) of the columns behind the data that it combines, and how (m, k)."""
         rows = np.flatnonzero(np.any(self.design[1:] != 0.0, axis=1))
         return rows, self.design[1 + rows]
 
     def gain(self, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
         """Log-likelihood that it brings, and its first value, as `group_gain`."""
-        return gain_of_rows(*self.acting, gram, b)
+        return gain_of_rows(*self.nonzero_rows, gram, b)
 
     def total_penalty(self, first: float) -> float:
         """Return the penalty, given the first value: rare values are penalised."""
@@ -177,14 +177,14 @@ class Hypotheses(ABC):
         self.car = car
 
     @property
-    def everything(self) -> FloatArray:
+    def fullest_design(self) -> FloatArray:
         """(1 + p, k) calibration and every effect of the catalogue that is linear and not rare: the fullest
         model.
 
         What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
         Technometrics 15, 1973).
         """
-        return np.concatenate([self.nuisance, *usual_singles(self.catalogue)], axis=1)
+        return np.concatenate([self.nuisance, *single_value_designs(self.catalogue)], axis=1)
 
     def widen(self, width: int) -> None:
         """Make room for columns that were added at the end."""
@@ -202,7 +202,7 @@ class Hypotheses(ABC):
 
     def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int, course: str = "") -> None:
         """Add a ramp off the grid, whose response is that column."""
-        design, penalty = self._column(column), ramp_penalty(course)
+        design, penalty = self._column_design(column), ramp_penalty(course)
         term = Term(FAULT.name, design, (RAMPED,), penalty, wheel=wheel, span_s=span_s, course=course)
         self.catalogue.append(term)
 
@@ -212,13 +212,15 @@ class Hypotheses(ABC):
         """Add a term whose nonlinear parameters lie off the grid, with the response to each of its values."""
         penalty = like.penalty - grid_penalty(like.kind_of, like.at, like.second)
         penalty += grid_penalty(like.kind_of, at, second)
-        design = np.concatenate([self._column(column) for column in columns], axis=1)
+        design = np.concatenate([self._column_design(column) for column in columns], axis=1)
         moved = replace(like, design=design, penalty=penalty, at=at, second=second, drive=None)
         self.catalogue.append(moved)
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
         """Add a pulse off the grid."""
-        self.catalogue.append(self._pulse(like.effect, like.pattern, span_s, self._column(column)))
+        self.catalogue.append(
+            self._pulse_term(like.effect, like.pattern, span_s, self._column_design(column))
+        )
 
     def add_shapes(
         self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
@@ -233,12 +235,12 @@ class Hypotheses(ABC):
                 term = spline_term(pattern, like.covariate, design, knots)
                 self.catalogue.append(term if like.drive is None else for_drive(term, like.drive, drives))
 
-    def _column(self, column: int) -> FloatArray:
+    def _column_design(self, column: int) -> FloatArray:
         design = np.zeros((self.width, 1))
         design[column, 0] = 1.0
         return design
 
-    def _pulse(self, effect: str, pattern: str, span_s: tuple[float, float], design: FloatArray) -> Term:
+    def _pulse_term(self, effect: str, pattern: str, span_s: tuple[float, float], design: FloatArray) -> Term:
         """Return a pulse of the radii on some wheels, or the event that looks so: its value is then
         a slip.
         """
@@ -275,7 +277,7 @@ class Hypotheses(ABC):
         return [(term.gain(gram, b)[0], term) for term in self.splines]
 
 
-def usual_singles(terms: Sequence[Term]) -> list[FloatArray]:
+def single_value_designs(terms: Sequence[Term]) -> list[FloatArray]:
     """Return the designs of terms of one value, at their typical nonlinear one, of effects that are not
     rare."""
     return [

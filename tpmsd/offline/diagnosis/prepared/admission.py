@@ -22,7 +22,7 @@ from tpmsd.offline.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, 
 from tpmsd.offline.rings.miscount import with_all_rings_corrected, with_single_ring_corrected
 
 
-def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
+def admitted_readers(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
     """Readers of the drives that can be examined, and what must be said of the others.
 
     ConfigError where the configurations describe different cars.
@@ -32,19 +32,21 @@ def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, 
     notes = []
     readers: list[Reader] = []
     for recording in recordings:
-        reason = unfit(recording)
+        reason = unfit_reason(recording)
         if not reason:
-            reader = read(recording)
-            reason = unfit_windows(reader)
+            reader = corrected_reader(recording)
+            reason = unfit_windows_reason(reader)
         if reason:
             notes.append(f"{recording.name}: left out, for {reason}" if several else reason)
         else:
             readers.append(reader)
-    readers, more = bounded(readers)
+    readers, more = limited_readers(readers)
     return readers, (*notes, *more)
 
 
-def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], tuple[str, ...]]:
+def readers_against_simulation(
+    recording: Recording, simulation: Recording
+) -> tuple[list[Reader], tuple[str, ...]]:
     """Readers of a recording and of the simulation that it is compared with; none if the recording is unfit.
 
     ConfigError where the simulation is unfit, or of another car or another road.
@@ -54,21 +56,21 @@ def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], 
         raise ConfigError(f"the simulation is of another car: {difference}")
     readers = []
     for one in (recording, simulation):
-        reason = unfit(one)
+        reason = unfit_reason(one)
         if not reason:
-            readers.append(read(one, MAX_WINDOWS // 2))
-            reason = unfit_windows(readers[-1])
+            readers.append(corrected_reader(one, MAX_WINDOWS // 2))
+            reason = unfit_windows_reason(readers[-1])
         if reason and one is recording:
             return [], (reason,)
         if reason:
             raise ConfigError(f"the simulation is of no use: {reason}")
-    reason = other_road(*readers)
+    reason = road_mismatch(*readers)
     if reason:
         raise ConfigError(f"the simulation is of another road: {reason}")
-    return readers, tuple(_examined(reader) for reader in readers if reader.left_out)
+    return readers, tuple(_examined_note(reader) for reader in readers if reader.left_out)
 
 
-def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
+def corrected_reader(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
     """Return its reader, once rings with plainly another number of teeth than configured are counted right,
     and less an age that all counts share.
     """
@@ -78,7 +80,7 @@ def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
     return Reader(right, first if right is counted else reference(right), limit)
 
 
-def other_road(recorded: Reader, simulated: Reader) -> str:
+def road_mismatch(recorded: Reader, simulated: Reader) -> str:
     """Return why a simulation is not of the recording's road; empty if nothing speaks against it.
 
     Both drives' positions are counted from their own first fix.
@@ -103,23 +105,23 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
     )
 
 
-def bounded(
+def limited_readers(
     readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = SETTINGS.preparation.max_drives
 ) -> tuple[list[Reader], list[str]]:
     """At most so many drives (those with most driving) and windows (fair shares), and notes on the rest."""
     notes = []
-    most = sorted(range(len(readers)), key=lambda k: -_driven(readers[k]))[:drives]
+    most = sorted(range(len(readers)), key=lambda k: -_driving_windows(readers[k]))[:drives]
     for k, reader in enumerate(readers):
         if k not in most:
             notes.append(f"{reader.recording.name}: left out, for {drives} drives hold more driving")
     kept = [reader for k, reader in enumerate(readers) if k in most]
-    shares = fair_shares([_driven(reader) for reader in kept], windows)
+    shares = fair_shares([_driving_windows(reader) for reader in kept], windows)
     out = []
     for reader, share in zip(kept, shares, strict=True):
         if share < len(reader.windows):
             reader = Reader(reader.recording, reader.reference, share)
         if reader.left_out:
-            notes.append(_examined(reader))
+            notes.append(_examined_note(reader))
         out.append(reader)
     return out, notes
 
@@ -137,7 +139,7 @@ def fair_shares(wanted: Sequence[int], total: int) -> list[int]:
     return shares
 
 
-def unfit(recording: Recording) -> str:
+def unfit_reason(recording: Recording) -> str:
     """Return why a recording cannot be examined at all; empty if it can."""
     if not {RL, RR} <= set(recording.wheels):
         return "the rear wheels are not both read"
@@ -146,7 +148,7 @@ def unfit(recording: Recording) -> str:
     return ""
 
 
-def unfit_windows(reader: Reader) -> str:
+def unfit_windows_reason(reader: Reader) -> str:
     """Return why too little is left to compare; empty if there is enough."""
     windows = reader.windows
     if len(windows) < SETTINGS.preparation.min_driving_s:
@@ -158,13 +160,13 @@ def unfit_windows(reader: Reader) -> str:
     return ""
 
 
-def _examined(reader: Reader) -> str:
+def _examined_note(reader: Reader) -> str:
     return (
-        f"{reader.recording.name}: of {_driven(reader)} s of driving, {len(reader.windows)} s in"
+        f"{reader.recording.name}: of {_driving_windows(reader)} s of driving, {len(reader.windows)} s in"
         " stretches spread over the drive were examined"
     )
 
 
-def _driven(reader: Reader) -> int:
+def _driving_windows(reader: Reader) -> int:
     """Windows of driving, the left-out ones included."""
     return len(reader.windows) + reader.left_out

@@ -17,10 +17,10 @@ import numpy as np
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.response import (
+    calibration_columns,
     grid_column,
     hat_functions,
     linear_columns,
-    radius_columns,
     ramp_column,
     response_at,
 )
@@ -151,7 +151,7 @@ class DriveRegression:
         columns = linear_columns(reader, knots, stds)
         self.names: list[Name] = [("data",), *columns.names]
         self.columns = ColumnStack(residual) + columns.stack
-        self.noise = first_noise(reader)
+        self.noise = initial_noise(reader)
         self.inflate: FloatArray | None = None
         count = max(SETTINGS.preparation.fewest_blocks, round(len(windows) / block_s))
         self.blocks = np.arange(len(windows)) * count // len(windows)
@@ -177,13 +177,15 @@ class DriveRegression:
         used = np.flatnonzero(fitted)
         left = self.columns[0] - self.columns.take(1 + used) @ fitted[used]
         made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
-        out = self.under()
+        out = self.with_noise()
         out.reader = copy.copy(self.reader)
-        out._move(base, radii_m, left, made)
+        out._move_origin(base, radii_m, left, made)
         out._linearise(base, values)
         return out
 
-    def _move(self, model: ExtendedModel, radii_m: FloatArray, left: FloatArray, made: Whitener) -> None:
+    def _move_origin(
+        self, model: ExtendedModel, radii_m: FloatArray, left: FloatArray, made: Whitener
+    ) -> None:
         """Take radii (4,) and the motion that what is left (w, 9) of the channels shows by the gains `made`,
         where a model acts."""
         errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
@@ -201,7 +203,7 @@ class DriveRegression:
         self.columns = ColumnStack(residual) + columns.stack
         self._kept = []
 
-    def repeated(self, recording: Recording, model: ExtendedModel) -> DriveRegression:
+    def of_replicate(self, recording: Recording, model: ExtendedModel) -> DriveRegression:
         """Return the same columns under the same noise, of a replicate of this drive's recording that a model
         made.
 
@@ -213,25 +215,25 @@ class DriveRegression:
         out.reader = Reader(recording, reference(recording), kept=self.reader.windows.index)
         out.blocks = np.zeros(len(out.reader.windows), dtype=int)
         out.inflate = None
-        out._settle(model)
+        out._calibrate_repeatedly(model)
         out._linearise(self.base, self.values)
         return out
 
-    def _settle(self, model: ExtendedModel) -> None:
+    def _calibrate_repeatedly(self, model: ExtendedModel) -> None:
         """Calibrate radii and motion where a model acts, by Gauss-Newton until nothing is gained."""
         before = math.inf
         for _ in range(SETTINGS.preparation.max_moves):
-            left = self._calibrate(model)
+            left = self._calibrate_once(model)
             if before - left < SETTINGS.preparation.moved_nats:
                 break
             before = left
 
-    def _calibrate(self, model: ExtendedModel) -> float:
+    def _calibrate_once(self, model: ExtendedModel) -> float:
         """Calibrate the radii, and move the motion by its smoothed errors; half the sum of squares (nats)
         that was left before."""
         windows = self.reader.windows
         residual = windows.measured - self.reader.predict(model)
-        both = (ColumnStack(residual) + radius_columns(self.reader).stack).whole()
+        both = (ColumnStack(residual) + calibration_columns(self.reader).stack).whole()
         made = Whitener.of(windows, self.noise, np.isfinite(residual))
         white = made.apply(both).reshape(-1, both.shape[2])
         fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
@@ -239,10 +241,10 @@ class DriveRegression:
         radii = self.reader.reference.car.radius_m.copy()
         wheels = self.reader.recording.wheels
         radii[wheels] += fitted[: len(wheels)]
-        self._move(model, radii, left, made)
+        self._move_origin(model, radii, left, made)
         return 0.5 * float(np.sum((white[:, 0] - white[:, 1:] @ fitted) ** 2))
 
-    def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveRegression:
+    def with_noise(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveRegression:
         """Return the same columns under another noise, or with other factors on the variances; this drive
         stays what it is, also where columns are added to the other.
         """
@@ -256,7 +258,7 @@ class DriveRegression:
         """Return the same with other factors (w, 9) on the variances, and without what was whitened
         so far.
         """
-        out = self.under(inflate=inflate)
+        out = self.with_noise(inflate=inflate)
         out._kept = []
         return out
 
@@ -264,21 +266,21 @@ class DriveRegression:
         """Further columns (w, 9, k) at the end."""
         self.columns += ColumnStack(*np.moveaxis(columns, 2, 0))
 
-    def own(self, design: FloatArray) -> FloatArray:
+    def own_design(self, design: FloatArray) -> FloatArray:
         """(n, k) a common design in this drive's columns."""
         out = np.zeros((self.columns.shape[2], design.shape[1]))
         np.add.at(out, self.local, design[self.here])
         return out
 
-    def acting(self, design: FloatArray) -> FloatArray:
+    def whitened_design(self, design: FloatArray) -> FloatArray:
         """(w, 9, k) whitened columns of a common design."""
-        own = self.own(design)
+        own = self.own_design(design)
         used = np.flatnonzero(np.any(own != 0.0, axis=1))
         return np.asarray(self.white[:, :, used] @ own[used])
 
-    def white_design(self, design: FloatArray) -> FloatArray:
+    def data_and_design(self, design: FloatArray) -> FloatArray:
         """(w, 9, 1 + j) the data and those columns of a design that act in this drive."""
-        own = self.own(design)
+        own = self.own_design(design)
         acting = own[:, np.any(own != 0.0, axis=0)]
         used = np.flatnonzero(np.any(acting != 0.0, axis=1))
         return np.concatenate([self.columns.take([0]), self.columns.take(used) @ acting[used]], axis=2)
@@ -293,7 +295,7 @@ class DriveRegression:
         """Log determinant of the innovations' covariances under the present noise."""
         return self.present.whitener.logdet
 
-    def part(self) -> DriveGrams:
+    def drive_grams(self) -> DriveGrams:
         """Gram matrices of the columns under the present noise."""
         return DriveGrams(self.present.grams, self.here, self.local)
 
@@ -303,13 +305,13 @@ class DriveRegression:
 
     def response(self, design: FloatArray, values: FloatArray) -> FloatArray:
         """(w, 9) whitened response of combinations with these values."""
-        weights = self.own(design) @ values
+        weights = self.own_design(design) @ values
         used = np.flatnonzero(weights)
         return np.asarray(self.white[:, :, used] @ weights[used])
 
-    def left(self, design: FloatArray, values: FloatArray) -> FloatArray:
+    def unwhitened_residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
         """(w, 9) what a fit leaves of the channels, in their units."""
-        weights = self.own(design) @ values
+        weights = self.own_design(design) @ values
         used = np.flatnonzero(weights)
         return np.asarray(self.columns[0] - self.columns.take(used) @ weights[used])
 
@@ -338,6 +340,6 @@ class DriveRegression:
         return found
 
 
-def first_noise(reader: Reader) -> Noise:
+def initial_noise(reader: Reader) -> Noise:
     """Return where the estimate of the noise starts."""
     return Noise.first(reader.recording.quantum_rad, reader.reference.car.radius_m)

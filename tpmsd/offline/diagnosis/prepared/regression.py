@@ -19,12 +19,12 @@ from tpmsd.offline.diagnosis.hypotheses.joint_terms import JointHypotheses, OwnN
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.plausible import limits_of
 from tpmsd.offline.diagnosis.hypotheses.response import (
-    available,
+    available_readings,
     ramp_knots,
     smooth_knots,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Hypotheses, Name, Term
-from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, Refined, first_noise
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, Refined, initial_noise
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import covariate_stds
 from tpmsd.offline.inference.least_squares import Evidence
@@ -42,7 +42,7 @@ class Regression:
         windows = sum(len(reader.windows) for reader in readers)
         block_s = max(SETTINGS.preparation.block_s, windows / SETTINGS.preparation.max_blocks)
         apart = () if simulation else ("time", "distance")
-        stds = [covariate_stds(reader, first_noise(reader)) for reader in readers]
+        stds = [covariate_stds(reader, initial_noise(reader)) for reader in readers]
         common = _common_knots(readers, stds, apart) if len(readers) > 1 else {}
         drives = []
         for reader, own in zip(readers, stds, strict=True):
@@ -67,7 +67,7 @@ class Regression:
         return self.drives[:1] if self.simulation else self.drives
 
     @property
-    def speeds(self) -> bool:
+    def has_wheel_speeds_only(self) -> bool:
         """True if the bus has wheel speeds and no counts."""
         return all(bool((drive.reader.recording.quantum_rad == 0.0).all()) for drive in self.examined)
 
@@ -76,7 +76,7 @@ class Regression:
         """Windows that are compared."""
         return float(sum(len(drive.reader.windows) for drive in self.examined))
 
-    def trial(self, drives: Sequence[DriveRegression]) -> Regression:
+    def with_drives(self, drives: Sequence[DriveRegression]) -> Regression:
         """Return the same question to drives `under` other noises, or about another origin; this regression
         stays what it is.
         """
@@ -84,23 +84,25 @@ class Regression:
         out.drives = tuple(drives)
         return out
 
-    def under(self, noises: Mapping[int, Noise]) -> Regression:
+    def with_noise(self, noises: Mapping[int, Noise]) -> Regression:
         """Return the same, by the numbers of the drives that have another noise."""
-        return self.trial([drive.under(noises.get(number)) for number, drive in enumerate(self.drives)])
+        return self.with_drives(
+            [drive.with_noise(noises.get(number)) for number, drive in enumerate(self.drives)]
+        )
 
     def copied(self) -> Regression:
         """Return the same, to which columns and hypotheses may be added while this regression stays what it
         is."""
-        out = self.under({})
+        out = self.with_noise({})
         out.hypotheses = copy.copy(self.hypotheses)
         out.hypotheses.catalogue = list(self.hypotheses.catalogue)
         return out
 
     def evidence(self) -> Evidence:
         """Return the normal equations summed over drives, under the present noise."""
-        return Evidence([drive.part() for drive in self.drives], self.width)
+        return Evidence([drive.drive_grams() for drive in self.drives], self.width)
 
-    def acting(self, term: Term) -> list[int]:
+    def acting_drives(self, term: Term) -> list[int]:
         """Numbers of the drives in which a term acts."""
         return list(range(len(self.drives))) if term.drive is None else [term.drive]
 
@@ -108,7 +110,7 @@ class Regression:
         """Knots of a smooth term."""
         if term.knots:
             return np.array(term.knots)
-        return self.drives[self.acting(term)[0]].knots[term.covariate]
+        return self.drives[self.acting_drives(term)[0]].knots[term.covariate]
 
     def append(self, columns: Sequence[tuple[Refined, Mapping[int, FloatArray]]]) -> list[int]:
         """Further columns, each (w, 9) by drive, and what they are; their positions in the common index."""
@@ -127,10 +129,10 @@ class Regression:
 
     def _single_drive_hypotheses(self, car: CarLimits) -> DriveHypotheses:
         drive = self.drives[0]
-        return DriveHypotheses(drive.names, ramp_knots(drive.reader), unusable(drive.reader), car)
+        return DriveHypotheses(drive.names, ramp_knots(drive.reader), unusable_effects(drive.reader), car)
 
     def _joint_hypotheses(self, car: CarLimits) -> JointHypotheses:
-        lost = [unusable(drive.reader) for drive in self.drives]
+        lost = [unusable_effects(drive.reader) for drive in self.drives]
         shared: list[Name] = [("data",)]
         for drive in self.drives:
             shared += [
@@ -170,11 +172,11 @@ def _common_knots(
     )
 
 
-def unusable(reader: Reader) -> frozenset[str]:
+def unusable_effects(reader: Reader) -> frozenset[str]:
     """Effects of which this drive holds no trace whatever: without a gyro no gyro error, without a stop no
     change of load.
     """
-    here, motion, car = available(reader), reader.reference.motion, reader.reference.car
+    here, motion, car = available_readings(reader), reader.reference.motion, reader.reference.car
     return frozenset(
         name
         for name, effect in EFFECTS.items()

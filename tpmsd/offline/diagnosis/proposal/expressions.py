@@ -105,9 +105,9 @@ def shaped_expressions(name: str, values: FloatArray) -> list[Expression]:
     known = values[np.isfinite(values)]
     if name in OVER_TIME or not len(known) or float(known.std()) == 0.0:
         return []
-    thresholds = [_short(float(one)) for one in np.quantile(known, SETTINGS.report.shape_quantiles)]
-    widths = [_short(share * float(known.std())) for share in SETTINGS.report.shape_widths]
-    sizes = [_short(float(one)) for one in np.quantile(np.abs(known), SETTINGS.report.shape_quantiles)]
+    thresholds = [_three_digits(float(one)) for one in np.quantile(known, SETTINGS.report.shape_quantiles)]
+    widths = [_three_digits(share * float(known.std())) for share in SETTINGS.report.shape_widths]
+    sizes = [_three_digits(float(one)) for one in np.quantile(np.abs(known), SETTINGS.report.shape_quantiles)]
     both = min(float((known > 0.0).mean()), float((known < 0.0).mean())) > SETTINGS.report.shape_quantiles[0]
     out = [Expression("step", (name,), (centre, width)) for centre in thresholds for width in widths]
     out += [Expression("above", (name,), (least,)) for least in thresholds]
@@ -117,6 +117,6 @@ def shaped_expressions(name: str, values: FloatArray) -> list[Expression]:
     return out
 
 
-def _short(value: float) -> float:
+def _three_digits(value: float) -> float:
     """Three digits: a number that stands in a formula."""
     return float(f"{value:.3g}")

@@ -49,14 +49,15 @@ def proposals(regression: Regression, selection: Selection) -> tuple[Proposal, .
     best: list[Proposal] = []
     over = sorted({term.covariate for term in unnamed})
     for _, one in sorted(
-        _found(regression, design, _patterns(unnamed, regression), over), key=lambda each: each[0]
+        _predictive_forms(regression, design, _patterns_to_try(unnamed, regression), over),
+        key=lambda each: each[0],
     ):
         if all(set(one.covariates) != set(other.covariates) for other in best):
             best.append(one)
     return tuple(best[: SETTINGS.report.proposals])
 
 
-def _found(
+def _predictive_forms(
     regression: Regression, design: FloatArray, patterns: Sequence[str], over: Sequence[str]
 ) -> list[tuple[float, Proposal]]:
     """Every closed form on every wheel pattern that predicts what was held out, beside a design, with its
@@ -73,28 +74,31 @@ def _found(
             forms += shaped_expressions(name, np.concatenate(values))
     found: list[tuple[float, Proposal]] = []
     for pattern in patterns:
-        sums = [_sums(drive, design, pattern, forms, acts=drive in regression.examined) for drive in drives]
+        sums = [
+            _products_by_fold(drive, design, pattern, forms, acts=drive in regression.examined)
+            for drive in drives
+        ]
         total = Sums(
             sum((one.known for one in sums[1:]), sums[0].known),
             sum((one.cross for one in sums[1:]), sums[0].cross),
             sum((one.size for one in sums[1:]), sums[0].size),
         )
         found += [
-            (key(form, one), one)
+            (proposal_sort_key(form, one), one)
             for k, form in enumerate(forms)
-            if total.size[:, k].all() and (one := judged(total, k, form, pattern)).heldout_gain > 0.0
+            if total.size[:, k].all() and (one := fitted_proposal(total, k, form, pattern)).heldout_gain > 0.0
         ]
     return found
 
 
-def key(form: Expression, one: Proposal) -> float:
+def proposal_sort_key(form: Expression, one: Proposal) -> float:
     """Return the sort key of a proposal: the penalty of its covariates and numbers less its held-out gain,
     nats."""
     values = len(form.covariates) + len(form.numbers)
     return SETTINGS.hypotheses.per_value_nats * values - one.heldout_gain
 
 
-def _patterns(unnamed: list[Term], regression: Regression) -> list[str]:
+def _patterns_to_try(unnamed: list[Term], regression: Regression) -> list[str]:
     """Return the readings that are named, and all patterns of wheels if wheels are."""
     readings = [term.pattern for term in unnamed if term.pattern in READINGS]
     if len(readings) == len(unnamed):
@@ -106,7 +110,7 @@ def _patterns(unnamed: list[Term], regression: Regression) -> list[str]:
     return [*sorted(set(readings)), *similar, *apart]
 
 
-def _sums(
+def _products_by_fold(
     drive: DriveRegression, design: FloatArray, pattern: str, forms: list[Expression], acts: bool
 ) -> Sums:
     """Return the products of one drive; `acts` is False where no form acts in it."""
@@ -117,7 +121,7 @@ def _sums(
     trial = drive.whitened(
         np.asarray(response)[:, :, None] * (weights if acts else 0.0 * weights)[:, None, :]
     )
-    known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
+    known = np.concatenate([drive.white[:, :, :1], drive.whitened_design(design)], axis=2)
     fold = drive.blocks % SETTINGS.report.folds
     parts = [fold == number for number in range(SETTINGS.report.folds)]
     return Sums(
@@ -127,7 +131,7 @@ def _sums(
     )
 
 
-def judged(sums: Sums, which: int, form: Expression, pattern: str) -> Proposal:
+def fitted_proposal(sums: Sums, which: int, form: Expression, pattern: str) -> Proposal:
     """Fitted to all blocks, and to all but one fold in turn."""
     folds, width = len(sums.known), sums.known.shape[1] + 1
     gram = np.zeros((folds, width, width))
@@ -136,11 +140,13 @@ def judged(sums: Sums, which: int, form: Expression, pattern: str) -> Proposal:
     gram[:, -1, -1] = sums.size[:, which]
     total = gram.sum(axis=0)
     values, covariance = _fit(total)
-    gain = _score(total, values) - _score(total[:-1, :-1], _fit(total[:-1, :-1])[0])
+    gain = _log_likelihood(total, values) - _log_likelihood(total[:-1, :-1], _fit(total[:-1, :-1])[0])
     heldout = 0.0
     for part in gram:
         rest = total - part
-        heldout += _score(part, _fit(rest)[0]) - _score(part[:-1, :-1], _fit(rest[:-1, :-1])[0])
+        heldout += _log_likelihood(part, _fit(rest)[0]) - _log_likelihood(
+            part[:-1, :-1], _fit(rest[:-1, :-1])[0]
+        )
     return Proposal(
         name=form.name,
         formula=form.formula,
@@ -162,7 +168,7 @@ def _fit(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
     return inverse @ gram[1:, 0], inverse
 
 
-def _score(gram: FloatArray, values: FloatArray) -> float:
+def _log_likelihood(gram: FloatArray, values: FloatArray) -> float:
     """Log-likelihood of the first with these values of the others, but for a constant."""
     left = np.concatenate([[1.0], -values])
     return float(-0.5 * left @ gram @ left)

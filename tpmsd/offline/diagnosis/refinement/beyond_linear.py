@@ -30,7 +30,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 
 
-def needed_exactly(
+def prune_by_exact_responses(
     regression: Regression, selection: Selection, evidence: Evidence, last: bool = False
 ) -> Selection:
     """Return what was chosen, without terms that do not pay their penalty beside the exact response of the
@@ -42,25 +42,27 @@ def needed_exactly(
     selector = Selector(evidence, regression.hypotheses, last)
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:
         others = [other.term for other in selection.chosen if other is not one]
-        ratio = selector.ratio([*others, one.term], len(others))
+        ratio = selector.variance_ratio([*others, one.term], len(others))
         gain = exact_gain(regression, selector, others, one.term)
         if last and gain / ratio >= one.term.penalty:
             gain = min(gain, _likelihood_ratio(regression, selector, others, one.term))
         if gain / ratio < one.term.penalty:
-            return needed_exactly(regression, selector.judged(others), evidence, last)
-    selection = _exchanged(regression, selector, selection)
+            return prune_by_exact_responses(regression, selector.selection_of(others), evidence, last)
+    selection = _exchange_by_exact_responses(regression, selector, selection)
     if not last or not selection.chosen:
         return selection
 
     @cache
     def beyond(terms: tuple[Term, ...]) -> float:
-        return beyond_linear(regression, selector, terms)
+        return gain_beyond_linear(regression, selector, terms)
 
     exact = Selector(evidence, regression.hypotheses, last, lambda terms: beyond(tuple(terms)))
-    return exact.judged([one.term for one in selection.chosen])
+    return exact.selection_of([one.term for one in selection.chosen])
 
 
-def _exchanged(regression: Regression, selector: Selector, selection: Selection) -> Selection:
+def _exchange_by_exact_responses(
+    regression: Regression, selector: Selector, selection: Selection
+) -> Selection:
     """Return what was chosen, with effects in place of those that do as well in the linear model, where their
     exact response is better.
 
@@ -78,22 +80,22 @@ def _exchanged(regression: Regression, selector: Selector, selection: Selection)
         if not similar:
             continue
         own = selector.score(rest, one.term)
-        beyond = beyond_linear(regression, selector, chosen)
+        beyond = gain_beyond_linear(regression, selector, chosen)
         gains = [
-            (beyond_linear(regression, selector, [*rest, term]) - beyond + min(score - own, 0.0), term)
+            (gain_beyond_linear(regression, selector, [*rest, term]) - beyond + min(score - own, 0.0), term)
             for score, term in similar.values()
         ]
         gain, term = max(gains, key=lambda entry: entry[0])
         if gain > SETTINGS.selection.exchange_nats:
-            return _exchanged(regression, selector, selector.judged([*rest, term]))
+            return _exchange_by_exact_responses(regression, selector, selector.selection_of([*rest, term]))
     return selection
 
 
-def beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Term]) -> float:
+def gain_beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Term]) -> float:
     """Log-likelihood (nats) of terms which act by the forward model, at their best, over that of their linear
     responses at theirs."""
     design = selector.design(terms)
-    acting = [drive.acting(design) for drive in regression.drives]
+    acting = [drive.whitened_design(design) for drive in regression.drives]
     linear = selector.evidence.fit(design)
     values, exact = linear.values, -math.inf
     for _ in range(SETTINGS.refinement.exact_rounds):
@@ -115,7 +117,7 @@ def _likelihood_ratio(
     small, and their exact responses cancel no more.
     """
     gains = [
-        selector.gain(terms) + beyond_linear(regression, selector, terms)
+        selector.gain(terms) + gain_beyond_linear(regression, selector, terms)
         for terms in ([*others, term], list(others))
     ]
     return gains[0] - gains[1]
@@ -125,7 +127,7 @@ def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term
     """Log-likelihood that a term brings jointly with others which act by the forward model (nats)."""
     before = selector.design(others)
     design = np.concatenate([before, term.design], axis=1)
-    acting = [drive.acting(design) for drive in regression.drives]
+    acting = [drive.whitened_design(design) for drive in regression.drives]
     values = selector.evidence.fit(before).values
     gram = np.zeros((0, 0))
     for _ in range(SETTINGS.refinement.exact_rounds):
@@ -141,7 +143,7 @@ def _exact_gram(regression: Regression, null: ActingTerms, acting: Sequence[Floa
     size = 1 + acting[0].shape[2]
     gram = np.zeros((size, size))
     for number, drive in enumerate(regression.drives):
-        data = drive.white[:, :, :1] - null.error(regression, number)
+        data = drive.white[:, :, :1] - null.whitened_error(regression, number)
         rows = np.concatenate([data, acting[number]], axis=2).reshape(-1, size)
         gram += rows.T @ rows
     return gram
@@ -155,11 +157,11 @@ class ActingTerms:
     values: FloatArray
     """(k,)"""
 
-    def error(self, regression: Regression, number: int) -> FloatArray:
+    def whitened_error(self, regression: Regression, number: int) -> FloatArray:
         """(w, 9, 1) the linearisation error of one drive, whitened."""
-        return regression.drives[number].whitened(self.plain_error(regression, number)[:, :, None])
+        return regression.drives[number].whitened(self.unwhitened_error(regression, number)[:, :, None])
 
-    def plain_error(self, regression: Regression, number: int) -> FloatArray:
+    def unwhitened_error(self, regression: Regression, number: int) -> FloatArray:
         """(w, 9) the same in the channels' units."""
         drive, at = regression.drives[number], 0
         effects: list[Effect] = []
@@ -167,7 +169,7 @@ class ActingTerms:
         for term in self.terms:
             values = self.values[at : at + term.design.shape[1]]
             at += len(values)
-            made = effect_of(term, values) if number in regression.acting(term) else None
+            made = effect_of(term, values) if number in regression.acting_drives(term) else None
             if made is not None:
                 effects.append(made[0])
                 linear += term.design @ made[1]
@@ -176,7 +178,7 @@ class ActingTerms:
 
 def _linearisation_error(drive: DriveRegression, model: ExtendedModel, linear: FloatArray) -> FloatArray:
     """(w, 9) prediction of a model less the sum of its columns, whose values (1 + p,) are `linear`."""
-    more = drive.own(linear[:, None])[1:, 0]
+    more = drive.own_design(linear[:, None])[1:, 0]
     more[: len(drive.values)] -= drive.values
     used = np.flatnonzero(more)
     change = drive.reader.predict(model) - drive.reader.predicted(drive.base)

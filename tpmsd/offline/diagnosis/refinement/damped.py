@@ -22,7 +22,7 @@ from tpmsd.offline.inference.least_squares import fitted
 from tpmsd.offline.inference.whitening import Whitener
 
 
-def damped(regression: Regression, selection: Selection) -> FloatArray | None:
+def damped_values(regression: Regression, selection: Selection) -> FloatArray | None:
     """(k,) values of a selection's fit where a shorter step towards them is likelier; None where it is not.
 
     The step is halved as long as the exact likelihood rises.
@@ -36,10 +36,10 @@ def damped(regression: Regression, selection: Selection) -> FloatArray | None:
     mine = np.concatenate([np.zeros(free, dtype=bool), np.repeat(moving, sizes)])
     effects = [one.term for one, moves in zip(selection.chosen, moving, strict=True) if moves]
     step = _Step(regression, fit.design, mine, effects)
-    begin, end = np.concatenate([_at_origin(regression, term) for term in effects]), fit.values[mine]
-    best, out = step.fitted(end)[0], None
+    begin, end = np.concatenate([_values_at_origin(regression, term) for term in effects]), fit.values[mine]
+    best, out = step.profile_likelihood(end)[0], None
     for halving in range(1, 1 + SETTINGS.refinement.step_halvings):
-        gain, values = step.fitted(begin + 0.5**halving * (end - begin))
+        gain, values = step.profile_likelihood(begin + 0.5**halving * (end - begin))
         if gain <= best:
             break
         best, out = gain, values
@@ -58,18 +58,18 @@ class _Step:
         for drive in regression.drives:
             here = np.isfinite(drive.columns[0])
             made = Whitener.of(drive.reader.windows, drive.noise, here, drive.inflate)
-            own = drive.own(design)
+            own = drive.own_design(design)
             used = np.flatnonzero(np.any(own != 0.0, axis=1))
             acting = drive.columns.take(used) @ own[used]
             self._made.append(made)
             self._white.append(made.apply(np.concatenate([drive.columns.take([0]), acting], axis=2)))
 
-    def fitted(self, values: FloatArray) -> tuple[float, FloatArray]:
+    def profile_likelihood(self, values: FloatArray) -> tuple[float, FloatArray]:
         """Log-likelihood (nats) of the effects' values, and all values (k,) of the design with them."""
         acting, size = ActingTerms(self._effects, values), 1 + len(self._others)
         gram = np.zeros((size, size))
         for number, (made, white) in enumerate(zip(self._made, self._white, strict=True)):
-            error = made.apply(acting.plain_error(self._regression, number)[:, :, None])
+            error = made.apply(acting.unwhitened_error(self._regression, number)[:, :, None])
             left = white[:, :, :1] - error - (white[:, :, 1 + self._mine] @ values)[:, :, None]
             rows = np.concatenate([left, white[:, :, 1 + self._others]], axis=2).reshape(-1, size)
             gram += rows.T @ rows
@@ -79,8 +79,8 @@ class _Step:
         return gain - 0.5 * float(gram[0, 0]), out
 
 
-def _at_origin(regression: Regression, term: Term) -> FloatArray:
+def _values_at_origin(regression: Regression, term: Term) -> FloatArray:
     """(k,) values of a term in the model about which everything is linear."""
-    drive = regression.drives[regression.acting(term)[0]]
-    there = drive.own(term.design)[1 : 1 + len(drive.values)]
+    drive = regression.drives[regression.acting_drives(term)[0]]
+    there = drive.own_design(term.design)[1 : 1 + len(drive.values)]
     return np.asarray(np.linalg.lstsq(there, drive.values, rcond=None)[0])

@@ -48,13 +48,13 @@ class Shape:
 
 def finest_shape(regression: Regression, term: Term) -> Shape:
     """Return the finest shape instead of a term."""
-    return _shape_with_knots(regression, term, _finest(regression, term))
+    return _shape_with_knots(regression, term, _finest_knots(regression, term))
 
 
 def finer_shape(regression: Regression, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
     """Return the spline on its best knots, others fixed; None if its gain is not better."""
     selector = Selector(evidence, regression.hypotheses)
-    if len(_finest(regression, term)) < 4:
+    if len(_finest_knots(regression, term)) < 4:
         return None
     found = best_knots(regression, selector.design(others), term)
     least = selector.gain([*others, term]) - found.without - term.penalty + SETTINGS.refinement.finer_nats
@@ -75,16 +75,16 @@ class Knots:
 
 def best_knots(regression: Regression, design: FloatArray, term: Term) -> Knots:
     """Return the best of some spacings of knots for a term, beside a design."""
-    acting = regression.acting(term)
-    fine = _finest(regression, term)
-    first = _first(term)
-    std = _std(regression, term)
+    acting = regression.acting_drives(term)
+    fine = _finest_knots(regression, term)
+    first = _first_hat(term)
+    std = _covariate_std(regression, term)
     hats = [HatFunction(term.pattern, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
     gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
     for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
-        rows[:, :, 1 : 1 + design.shape[1]] = drive.acting(design)
+        rows[:, :, 1 : 1 + design.shape[1]] = drive.whitened_design(design)
         if number in acting:
             columns = np.nan_to_num(np.stack([hat.column(drive.reader) for hat in hats], axis=2))
             rows[:, :, 1 + design.shape[1] :] = drive.whitened(columns)
@@ -106,32 +106,36 @@ def best_knots(regression: Regression, design: FloatArray, term: Term) -> Knots:
     return best
 
 
-def _finest(regression: Regression, term: Term) -> FloatArray:
-    drives = [regression.drives[number] for number in regression.acting(term)]
+def _finest_knots(regression: Regression, term: Term) -> FloatArray:
+    drives = [regression.drives[number] for number in regression.acting_drives(term)]
     values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
     return finer_knots(
-        values, SETTINGS.hypotheses.finer * (len(regression.knots(term)) - 1), _std(regression, term)
+        values,
+        SETTINGS.hypotheses.finer * (len(regression.knots(term)) - 1),
+        _covariate_std(regression, term),
     )
 
 
-def _std(regression: Regression, term: Term) -> float:
+def _covariate_std(regression: Regression, term: Term) -> float:
     """Return the largest standard deviation of the error of a term's covariate, over drives."""
-    return max(regression.drives[number].stds.get(term.covariate, 0.0) for number in regression.acting(term))
+    return max(
+        regression.drives[number].stds.get(term.covariate, 0.0) for number in regression.acting_drives(term)
+    )
 
 
-def _first(term: Term) -> int:
+def _first_hat(term: Term) -> int:
     return 1 if term.pattern in ANTISYMMETRIC else first_hat(term.pattern)
 
 
 def _shape_with_knots(regression: Regression, term: Term, knots: FloatArray) -> Shape:
-    acting = regression.acting(term)
+    acting = regression.acting_drives(term)
     read = set.intersection(*(set(regression.drives[number].reader.recording.wheels) for number in acting))
     patterns = (term.pattern,) if term.pattern in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))
     at = tuple(float(x) for x in knots)
     columns: Columns = []
     for pattern in patterns:
         for k in range(first_hat(pattern), len(at)):
-            hat = HatFunction(pattern, term.covariate, at, k, _std(regression, term))
+            hat = HatFunction(pattern, term.covariate, at, k, _covariate_std(regression, term))
             response = {n: np.nan_to_num(hat.column(regression.drives[n].reader)) for n in acting}
             columns.append((Refined(hat=hat), response))
     return Shape(term, at, columns, patterns)

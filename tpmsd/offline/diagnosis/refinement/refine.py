@@ -63,7 +63,7 @@ def refine(regression: Regression, selection: Selection, evidence: Evidence, aga
             )
             added.append((term, point))
             columns += best
-    shapes = [] if regression.simulation else _shapes(regression, evidence, terms)
+    shapes = [] if regression.simulation else _finer_shapes(regression, evidence, terms)
     indices = regression.append([*columns, *(column for shape in shapes for column in shape.columns)])
     at = len(columns)
     for shape in shapes:
@@ -72,12 +72,12 @@ def refine(regression: Regression, selection: Selection, evidence: Evidence, aga
     at = 0
     for term, point in added:
         width = term.design.shape[1]
-        _add(regression, term, point, indices[at : at + width])
+        _add_hypothesis(regression, term, point, indices[at : at + width])
         at += width
     return bool(added or shapes)
 
 
-def _add(regression: Regression, term: Term, point: Point, indices: Sequence[int]) -> None:
+def _add_hypothesis(regression: Regression, term: Term, point: Point, indices: Sequence[int]) -> None:
     """Make a hypothesis of a term at a point off its grid, whose columns have these indices."""
     if term.ramp:
         onset = _onset(point)
@@ -86,7 +86,7 @@ def _add(regression: Regression, term: Term, point: Point, indices: Sequence[int
         regression.hypotheses.add_pulse(term, (point.first, point.second), indices[0])
     else:
         regression.hypotheses.add_off_grid(term, point.first, indices, point.second or None)
-    _of_its_drive(regression, term)
+    _restrict_to_its_drive(regression, term)
 
 
 def most_significant_shape(regression: Regression, evidence: Evidence, design: FloatArray) -> Term | None:
@@ -114,16 +114,16 @@ def most_significant_shape(regression: Regression, evidence: Evidence, design: F
             if not (term.ramp or term.pulse):
                 return term
             alternatives = [
-                one for _, one in found if one is not term and one.pulse and _same_span(one, term)
+                one for _, one in found if one is not term and one.pulse and _has_same_span(one, term)
             ]
-            return exact(regression, evidence, design, term, alternatives)
+            return exact_term(regression, evidence, design, term, alternatives)
         term = coarse[scores.index(max(scores))]
     shape = finest_shape(regression, term)
     shape.add_to(regression, regression.append(shape.columns))
     return next(one for one in hypotheses.catalogue if one.knots == shape.knots and one.key == term.key)
 
 
-def exact(
+def exact_term(
     regression: Regression,
     evidence: Evidence,
     design: FloatArray,
@@ -137,22 +137,22 @@ def exact(
     point, columns = _likeliest_point(regression, evidence, design, term)
     indices = regression.append(columns)
     for one in (*alternatives, term):
-        _add(regression, one, point, indices)
+        _add_hypothesis(regression, one, point, indices)
     return regression.hypotheses.catalogue[-1]
 
 
-def _same_span(one: Term, other: Term) -> bool:
+def _has_same_span(one: Term, other: Term) -> bool:
     return (one.pattern, one.span_s) == (other.pattern, other.span_s)
 
 
-def _of_its_drive(regression: Regression, term: Term) -> None:
+def _restrict_to_its_drive(regression: Regression, term: Term) -> None:
     """Make the hypothesis added last one drive's, if the term that it refines is."""
     if term.drive is not None:
         exact = regression.hypotheses.catalogue.pop()
         regression.hypotheses.catalogue.append(for_drive(exact, term.drive, len(regression.drives)))
 
 
-def _shapes(regression: Regression, evidence: Evidence, terms: list[Term]) -> list[Shape]:
+def _finer_shapes(regression: Regression, evidence: Evidence, terms: list[Term]) -> list[Shape]:
     """Finer shapes for the smooth terms that need them.
 
     Also of the best that was not chosen: on few knots a narrow shape leaves so much in some blocks that its
@@ -178,7 +178,7 @@ def _is_coarse(term: Term) -> bool:
     return shape and term.covariate not in ("time", "distance")
 
 
-def _refined(term: Term, point: Point) -> tuple[Refined, ...]:
+def _columns_at(term: Term, point: Point) -> tuple[Refined, ...]:
     return refined(term, _onset(point) if term.ramp else point.first, point.second, point.course)
 
 
@@ -210,11 +210,11 @@ def _trial_points(term: Term, centre: Point, width: Point) -> list[Point]:
     if not centre.second:
         return along
     seconds = centre.second * width.second ** np.linspace(-1.0, 1.0, 5)
-    low, high = _second(term).range
+    low, high = _second_parameter(term).range
     return [Point(one.first, float(np.clip(second, low, high))) for one in along for second in seconds]
 
 
-def _second(term: Term) -> SecondParameter:
+def _second_parameter(term: Term) -> SecondParameter:
     """Return a term's second nonlinear parameter, which it has."""
     grid = term.kind_of.nonlinear.grid
     assert grid is not None
@@ -228,23 +228,25 @@ def _likeliest_point(
     """Return the point of maximum likelihood of a term's nonlinear values, with its columns. A ramp is also
     fitted with its other courses, and takes one whose gain exceeds its larger penalty.
     """
-    centre, width = _begin(regression, term)
-    point, columns, gain = _searched(regression, evidence, design, term, centre, width)
+    centre, width = _search_start(regression, term)
+    point, columns, gain = _search_likeliest_point(regression, evidence, design, term, centre, width)
     if term.ramp and point.second > SETTINGS.selection.step_s:
         # The mean delay of a ramp is half of it, that of an exponential its time constant.
         tau = point.second / 2
         for course in term.kind_of.nonlinear.courses[1:]:
             begin = Point(_onset(point), tau, course)
-            other = _searched(regression, evidence, design, term, begin, Point(tau, 2.0, course))
+            other = _search_likeliest_point(
+                regression, evidence, design, term, begin, Point(tau, 2.0, course)
+            )
             long = other[0].second > SETTINGS.selection.step_s
             if long and other[2] - ramp_penalty(course) > gain - ramp_penalty(point.course):
                 point, columns, gain = other
     return point, columns
 
 
-def _begin(regression: Regression, term: Term) -> tuple[Point, Point]:
+def _search_start(regression: Regression, term: Term) -> tuple[Point, Point]:
     """Return where a search starts, and how far it looks at first."""
-    knots = ramp_knots(regression.drives[regression.acting(term)[0]].reader)
+    knots = ramp_knots(regression.drives[regression.acting_drives(term)[0]].reader)
     if term.ramp:
         step = float(np.median(np.diff(knots)))
         centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
@@ -265,31 +267,31 @@ def _begin(regression: Regression, term: Term) -> tuple[Point, Point]:
     return centre, width
 
 
-def _searched(
+def _search_likeliest_point(
     regression: Regression, evidence: Evidence, design: FloatArray, term: Term, centre: Point, width: Point
 ) -> tuple[Point, list[ByDrive], float]:
     """Return the point of greatest likelihood with all linear values of a design fitted along, its columns,
     one per value of the term, and its gain.
     """
     accepted = sum(part.small(design).sum(axis=0) for part in evidence.parts)
-    acting = [(number, regression.drives[number]) for number in regression.acting(term)]
+    acting = [(number, regression.drives[number]) for number in regression.acting_drives(term)]
     values, gain = term.design.shape[1], 0.0
     columns: list[ByDrive] = []
     for _ in range(SETTINGS.refinement.rounds):
         points = _trial_points(term, centre, width)
-        parts = [part for point in points for part in _refined(term, point)]
+        parts = [part for point in points for part in _columns_at(term, point)]
         cross = np.zeros((len(accepted), len(points), values))
         size = np.zeros((len(points), values, values))
         trials = {}
         for number, drive in acting:
             trial = np.stack([part.column(drive.reader, drive.base) for part in parts], axis=2)
             rows = drive.whitened(trial).reshape(-1, len(points), values)
-            known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
+            known = np.concatenate([drive.white[:, :, :1], drive.whitened_design(design)], axis=2)
             cross += np.tensordot(known.reshape(-1, len(accepted)), rows, (0, 0))
             size += np.einsum("nti,ntj->tij", rows, rows, optimize=True)
             trials[number] = trial
-        gains = _gains(accepted, cross, size)
-        best = int(np.argmax(gains - np.array([_penalty(term, point) for point in points])))
+        gains = _trial_gains(accepted, cross, size)
+        best = int(np.argmax(gains - np.array([_penalty_of_second(term, point) for point in points])))
         centre, gain = points[best], float(gains[best])
         columns = [
             (parts[k], {number: trial[:, :, k] for number, trial in trials.items()})
@@ -304,12 +306,12 @@ def _searched(
     return centre, columns, gain
 
 
-def _penalty(term: Term, point: Point) -> float:
+def _penalty_of_second(term: Term, point: Point) -> float:
     """Return what the values of a second nonlinear parameter cost more or less than others."""
-    return _second(term).penalty(point.second) if term.at is not None and point.second else 0.0
+    return _second_parameter(term).penalty(point.second) if term.at is not None and point.second else 0.0
 
 
-def _gains(accepted: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:
+def _trial_gains(accepted: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:
     """(t,) gain of each trial's columns beyond the accepted ones, from Gram matrices.
 
     `accepted` (1 + k, 1 + k) holds the data first, `cross` (1 + k, t, v) is with the trials' v columns, and

@@ -14,7 +14,7 @@ from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.damped import damped
+from tpmsd.offline.diagnosis.refinement.damped import damped_values
 from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 def relinearised(regression: Regression, selection: Selection) -> Regression:
     """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
-    shorter = damped(regression, selection)
+    shorter = damped_values(regression, selection)
     fitted = selection.fit.design @ (selection.fit.values if shorter is None else shorter)
     values_of = _values_of(selection, shorter)
     drives = []
@@ -30,22 +30,22 @@ def relinearised(regression: Regression, selection: Selection) -> Regression:
         effects: list[Effect] = []
         origin = np.zeros(len(fitted))
         for one, its_values in zip(selection.chosen, values_of, strict=True):
-            if number in regression.acting(one.term):
+            if number in regression.acting_drives(one.term):
                 added = effect_of(one.term, its_values)
                 if added is not None:
                     effects.append(added[0])
                     origin += one.term.design @ added[1]
         # Every drive's radii are its own columns: the common vector, seen from this drive.
-        own = drive.own(fitted[:, None])[:, 0]
+        own = drive.own_design(fitted[:, None])[:, 0]
         radii = drive.reader.reference.car.radius_m.copy()
         for k, name in enumerate(drive.names):
             if name[0] == RADIUS.name:
                 wheel = WHEELS.index(name[1])
                 most = SETTINGS.refinement.max_relative_radius_change * radii[wheel]
                 radii[wheel] += float(np.clip(own[k], -most, most))
-        values = drive.own(origin[:, None])[1:, 0]
+        values = drive.own_design(origin[:, None])[1:, 0]
         drives.append(drive.relinearised(ExtendedModel(tuple(effects)), radii, values, own[1:]))
-    return regression.trial(drives)
+    return regression.with_drives(drives)
 
 
 def _values_of(selection: Selection, shorter: FloatArray | None) -> list[FloatArray]:

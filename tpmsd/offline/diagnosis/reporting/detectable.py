@@ -41,7 +41,7 @@ def not_detectable(
     gram, _ = selector.evidence.projected(selector.design(chosen))
     out: list[tuple[float, NotDetectable]] = []
     for name, effect in EFFECTS.items():
-        if name in names or not _is_asked_for(effect):
+        if name in names or not _has_detectable_size(effect):
             continue
         terms = [
             t
@@ -57,7 +57,7 @@ def not_detectable(
     return tuple(one for _, one in sorted(out, key=lambda entry: entry[0]))
 
 
-def _is_asked_for(effect: type[Effect]) -> bool:
+def _has_detectable_size(effect: type[Effect]) -> bool:
     if effect.kind in (Kind.NONPARAMETRIC, Kind.NUISANCE, Kind.EVENT):
         return False
     # These have searches of their own, and no column tells their sizes.
@@ -109,7 +109,7 @@ def smallest_size(
     information = float(column @ gram @ column)
     if not information > SETTINGS.selection.min_own_share * total:
         return math.inf
-    information /= selector.ratio([*chosen, term], len(chosen))
+    information /= selector.variance_ratio([*chosen, term], len(chosen))
     kind, std = term.kind_of, 1.0 / math.sqrt(information)
     size, least = 0.0, _min_gain(selector, chosen)
     for _ in range(SETTINGS.assessment.size_rounds):
@@ -118,7 +118,7 @@ def smallest_size(
         nats = least + term.penalty + against
         size = std * (math.sqrt(2.0 * nats) + SETTINGS.assessment.power_stds)
     while size < SETTINGS.assessment.unthinkable_stds * std and kind.tolerance_note(
-        size, std, regression.speeds
+        size, std, regression.has_wheel_speeds_only
     ):
         size += std
     return size

@@ -28,7 +28,7 @@ def down_weighted(drives: Sequence[DriveRegression]) -> DownWeighted:
         lost.append(gone)
         here.append(measured)
         if number == 0:
-            spans = _spans(drive, gone, measured)
+            spans = _down_weighted_spans(drive, gone, measured)
     gone, measured = np.concatenate(lost), np.concatenate(here)
     by_channel = {
         name: float(gone[:, channel_of == name].sum() / max(measured[:, channel_of == name].sum(), 1))
@@ -38,7 +38,9 @@ def down_weighted(drives: Sequence[DriveRegression]) -> DownWeighted:
     return DownWeighted(float(gone.sum() / max(measured.sum(), 1)), by_channel, tuple(spans))
 
 
-def _spans(drive: DriveRegression, gone: np.ndarray, measured: np.ndarray) -> list[tuple[float, float]]:
+def _down_weighted_spans(
+    drive: DriveRegression, gone: np.ndarray, measured: np.ndarray
+) -> list[tuple[float, float]]:
     """Neighbouring blocks of which much was lost, as one span."""
     total = np.bincount(drive.blocks, gone.sum(axis=1))
     share = total / np.maximum(np.bincount(drive.blocks, measured.sum(axis=1)), 1)

@@ -15,10 +15,14 @@ from tpmsd.car.physics.catalogue import FAULT, make_effect, parameters_of
 from tpmsd.car.physics.effect import Effect, Parameter, Std
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
-from tpmsd.offline.diagnosis.assessment.identifiability import advice
-from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
-from tpmsd.offline.diagnosis.assessment.reach import WhitenedColumns, reach
+from tpmsd.offline.diagnosis.assessment.explanatory import slip_gains
+from tpmsd.offline.diagnosis.assessment.identifiability import separating_manoeuvre
+from tpmsd.offline.diagnosis.assessment.lost_counts import (
+    low_speed_loss_findings,
+    missed_count_findings,
+    single_count_findings,
+)
+from tpmsd.offline.diagnosis.assessment.reach import WhitenedColumns, assess_reach
 from tpmsd.offline.diagnosis.assessment.result import (
     Finding,
     PictureData,
@@ -29,12 +33,12 @@ from tpmsd.offline.diagnosis.assessment.result import (
 )
 from tpmsd.offline.diagnosis.assessment.simulated import (
     EffectDifference,
-    compared,
+    effect_differences,
+    recorded_terms,
     simulated_effects,
-    whole_model,
 )
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
-from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
+from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, tooth_findings
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.regression import Regression
@@ -42,13 +46,13 @@ from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
 from tpmsd.offline.diagnosis.reporting.location import where_of, whole_range
-from tpmsd.offline.diagnosis.reporting.traces import ground, traces
-from tpmsd.offline.diagnosis.robustness.verdict import status_of, verdict_of, without
+from tpmsd.offline.diagnosis.reporting.traces import drive_map, traces
+from tpmsd.offline.diagnosis.robustness.verdict import status_of, verdict_of, without_suspicions
 from tpmsd.offline.diagnosis.selection.catalogue_effect import (
     neutral_of,
-    nonlinear_of,
+    nonlinear_parameters_of,
+    text_parameters_of,
     tolerance_note,
-    words_of,
 )
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, shape_of
@@ -71,24 +75,33 @@ def report(
     selector = Selector(evidence, regression.hypotheses)
     whole = float(selection.heldout[blocks].sum())
     written = _ReportParts(
-        list(notes), nonlinear_stds(regression, selection), compared(regression, selection)
+        list(notes), nonlinear_stds(regression, selection), effect_differences(regression, selection)
     )
     for k, one in enumerate(selection.chosen):
-        if note := tolerance_note(one, regression.speeds):
+        if note := tolerance_note(one, regression.has_wheel_speeds_only):
             written.notes.append(note)
         elif status := status_of(one, selection):
             rest = terms[:k] + terms[k + 1 :]
             left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
-            written.term(regression, selection, k, status, (_rms(left_out, rows), _rms(whole, rows)))
-    for one in whole_model(regression, selection):
-        written.model(regression, one, _parameter_quantities(one, {}))
+            written.add_term(
+                regression,
+                selection,
+                k,
+                status,
+                (_rms_of_log_likelihood(left_out, rows), _rms_of_log_likelihood(whole, rows)),
+            )
+    for one in recorded_terms(regression, selection):
+        written.add_to_model(regression, one, _parameter_quantities(one, {}))
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
-    for finding in [*_apart(regression, selection, written.findings), *teeth(regression, rings, seconds)]:
-        if note := ordinary_ring_note(finding, regression.speeds):
+    for finding in [
+        *_separate_findings(regression, selection, written.findings),
+        *tooth_findings(regression, rings, seconds),
+    ]:
+        if note := ordinary_ring_note(finding, regression.has_wheel_speeds_only):
             written.notes.append(note)
         else:
-            written.apart(finding)
+            written.add_separate_finding(finding)
     findings = written.findings
     baseline = float(selection.baseline_heldout[blocks].sum())
     log_determinant = sum(drive.log_determinant for drive in regression.examined)
@@ -98,37 +111,37 @@ def report(
         reason="",
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         driving_s=seconds,
-        baseline_rms=_rms(baseline, rows),
+        baseline_rms=_rms_of_log_likelihood(baseline, rows),
         baseline_loglik_per_s=(baseline + constant) / seconds,
-        model_rms=_rms(whole, rows),
-        unexplained=_unexplained(regression, selector, terms),
-        drift=_drift(regression),
-        model=without(ExtendedModel(tuple(written.effects), tuple(written.stds)), findings),
-        evidence=_alone(regression, selector),
+        model_rms=_rms_of_log_likelihood(whole, rows),
+        unexplained=_unexplained_structure(regression, selector, terms),
+        drift=_unusual_radius_drift(regression),
+        model=without_suspicions(ExtendedModel(tuple(written.effects), tuple(written.stds)), findings),
+        evidence=_gains_alone(regression, selector),
         baseline=("simulation",) if regression.simulation else ("rolling",),
         simulation=simulated_effects(regression, selection),
         notes=tuple(written.notes),
         down_weighted=down_weighted(regression.examined),
         information=speed_ranges(regression.examined),
-        explanatory=explanatory(regression, terms, evidence),
+        explanatory=slip_gains(regression, terms, evidence),
         not_detectable=not_detectable(regression, selection, selector),
-        reach=reach(
+        reach=assess_reach(
             [
                 WhitenedColumns(
                     drive.white,
                     np.isfinite(drive.reader.windows.measured),
                     drive.blocks,
                     drive.names,
-                    drive.own(regression.hypotheses.nuisance),
-                    drive.own(selection.fit.design),
+                    drive.own_design(regression.hypotheses.nuisance),
+                    drive.own_design(selection.fit.design),
                 )
                 for drive in regression.drives
             ]
         ),
         inner=PictureData(
-            _by_channel(regression, selection, evidence),
+            _rms_by_channel(regression, selection, evidence),
             tuple(traces(regression, selection, evidence)),
-            ground(regression, selection, evidence),
+            drive_map(regression, selection, evidence),
         ),
     )
 
@@ -146,13 +159,13 @@ class _ReportParts:
     effects: list[Effect] = field(default_factory=list)
     stds: list[Mapping[str, Std]] = field(default_factory=list)
 
-    def term(
+    def add_term(
         self, regression: Regression, selection: Selection, which: int, status: str, rms: tuple[float, float]
     ) -> None:
         """Write a chosen term down as a finding, with the held-out residual without it and with it."""
         one, seconds = selection.chosen[which], regression.driving_s
         quantities = _parameter_quantities(
-            _in_full(regression, selection, which), self.nonlinear.get(which, {})
+            _with_full_values(regression, selection, which), self.nonlinear.get(which, {})
         )
         versus = self.versus
         self.findings.append(
@@ -166,28 +179,28 @@ class _ReportParts:
                 loglik_gain_per_s=one.heldout_gain / seconds,
                 gain=one.heldout_gain,
                 indistinguishable_from=one.confounded_with,
-                advice=advice(one.term.effect, one.confounded_with),
+                advice=separating_manoeuvre(one.term.effect, one.confounded_with),
                 shape=shape_of(one, regression.knots(one.term)) if one.term.nonparametric else (),
-                drives=_drives(regression, [each.term for each in selection.chosen], one.term),
+                drives=_drive_names(regression, [each.term for each in selection.chosen], one.term),
                 held_by=versus[which].by if versus else "",
                 simulated=_parameter_quantities(versus[which].simulated, {}) if versus else {},
                 status=status,
             )
         )
         if one.term.drive is None:  # the model is the car's, not that of one day
-            self.model(regression, one, quantities)
+            self.add_to_model(regression, one, quantities)
 
-    def model(self, regression: Regression, one: Chosen, quantities: dict[str, Quantity]) -> None:
+    def add_to_model(self, regression: Regression, one: Chosen, quantities: dict[str, Quantity]) -> None:
         """Write a term down for the model file."""
         effect, stds = (
             empirical_effect(one, regression.knots(one.term))
             if one.term.nonparametric
-            else _effect(one, quantities)
+            else _bounded_effect(one, quantities)
         )
         self.effects.append(effect)
         self.stds.append(stds)
 
-    def apart(self, finding: Finding) -> None:
+    def add_separate_finding(self, finding: Finding) -> None:
         """Write down what was looked for apart from the terms."""
         self.findings.append(finding)
         if finding.drives:  # the model is the car's
@@ -199,7 +212,9 @@ class _ReportParts:
         )
 
 
-def _apart(regression: Regression, selection: Selection, findings: Sequence[Finding]) -> list[Finding]:
+def _separate_findings(
+    regression: Regression, selection: Selection, findings: Sequence[Finding]
+) -> list[Finding]:
     """Lost counts and sensors, which are looked for apart from the terms; not of a simulation.
 
     Counts that are lost one by one are not asked for where something else of that name was found.
@@ -208,32 +223,38 @@ def _apart(regression: Regression, selection: Selection, findings: Sequence[Find
         return []
     seconds, readers = regression.driving_s, [drive.reader for drive in regression.examined]
     out = (
-        lost(regression, seconds) + missed(regression, seconds) + unusual(readers, seconds, regression.speeds)
+        low_speed_loss_findings(regression, seconds)
+        + missed_count_findings(regression, seconds)
+        + unusual(readers, seconds, regression.has_wheel_speeds_only)
     )
     met = {one.effect for one in [*findings, *out]}
-    return out + [one for one in lost_singly(regression, selection.fit, seconds) if one.effect not in met]
+    return out + [
+        one for one in single_count_findings(regression, selection.fit, seconds) if one.effect not in met
+    ]
 
 
-def _drives(regression: Regression, terms: list[Term], term: Term) -> tuple[str, ...]:
+def _drive_names(regression: Regression, terms: list[Term], term: Term) -> tuple[str, ...]:
     """Names of the drives in which a term stands, if it does not stand in all."""
     if regression.simulation:
         return ()
     names = [drive.reader.recording.name for drive in regression.drives]
     if term.drive is not None:
         return (names[term.drive],)
-    apart = {other.drive for other in terms if other.effect == term.effect and _of_car(other)} - {None}
+    apart = {
+        other.drive for other in terms if other.effect == term.effect and _may_be_common_to_drives(other)
+    } - {None}
     return tuple(name for k, name in enumerate(names) if k not in apart) if apart else ()
 
 
-def _of_car(term: Term) -> bool:
+def _may_be_common_to_drives(term: Term) -> bool:
     """Return whether a term is an effect of the catalogue whose value may be common to all drives."""
     return not (term.nonparametric or term.kind_of.own_per_drive)
 
 
-def _in_full(regression: Regression, selection: Selection, which: int) -> Chosen:
+def _with_full_values(regression: Regression, selection: Selection, which: int) -> Chosen:
     """Return a term whose value in one drive differs from that of the others, with its full value there."""
     one = selection.chosen[which]
-    if one.term.drive is None or regression.simulation or not _of_car(one.term):
+    if one.term.drive is None or regression.simulation or not _may_be_common_to_drives(one.term):
         return one
     widths = [regression.hypotheses.nuisance.shape[1]] + [c.term.design.shape[1] for c in selection.chosen]
     starts = np.cumsum(widths)
@@ -251,7 +272,7 @@ def _in_full(regression: Regression, selection: Selection, which: int) -> Chosen
     return replace(one, values=values, stds=stds)
 
 
-def _rms(score: float, rows: int) -> float:
+def _rms_of_log_likelihood(score: float, rows: int) -> float:
     return math.sqrt(max(-2.0 * score, 0.0) / max(rows, 1))
 
 
@@ -269,13 +290,13 @@ def _parameter_quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str,
         return {}
     known = parameters_of(term.effect)
     out: dict[str, Quantity] = {}
-    for name, word in words_of(term).items():
+    for name, word in text_parameters_of(term).items():
         out[name] = Quantity(word, None, "")
     for name, value, std in zip(term.parameters, one.values, one.stds, strict=True):
         if name:
             wider = max(float(std), nonlinear.get(name, 0.0))
             out[name] = Quantity(float(value) + neutral_of(term.effect, name), wider, known[name].unit)
-    for name, value in nonlinear_of(term).items():
+    for name, value in nonlinear_parameters_of(term).items():
         if term.at is not None:
             std = nonlinear.get(name, term.at)
         else:
@@ -284,7 +305,7 @@ def _parameter_quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str,
     return out
 
 
-def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[str, float]]:
+def _bounded_effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[str, float]]:
     """Return the effect for the model file, within its bounds."""
     values: dict[str, float | str] = {}
     stds: dict[str, float] = {}
@@ -299,20 +320,20 @@ def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[
     return make_effect(one.term.effect, **values), stds
 
 
-def _unexplained(regression: Regression, selector: Selector, terms: list[Term]) -> Where | None:
+def _unexplained_structure(regression: Regression, selector: Selector, terms: list[Term]) -> Where | None:
     """Structure that is still significant after the chosen terms."""
     options = [entry for entry in selector.candidates(terms) if not entry[1][0].calibrates]
     for penalised_gain, found in options[:3]:
         term = found[0]
-        ratio = selector.ratio([*terms, term], len(terms))
+        ratio = selector.variance_ratio([*terms, term], len(terms))
         gain = (penalised_gain + term.penalty) / ratio - term.penalty
-        rest = evidence_gain(selector, terms, term)
+        rest = heldout_gain_of_term(selector, terms, term)
         if gain > 2 * SETTINGS.selection.admit_nats and rest > SETTINGS.selection.admit_nats:
             return whole_range(regression, term)
     return None
 
 
-def _drift(regression: Regression) -> RadiusDrift | None:
+def _unusual_radius_drift(regression: Regression) -> RadiusDrift | None:
     """Radius drift beyond what tyres and roads make: something acts that no term holds."""
     drive = max(regression.drives, key=lambda one: one.noise.radius_drift)
     if drive.noise.radius_drift < SETTINGS.report.drift_reported_from:
@@ -324,14 +345,14 @@ def _drift(regression: Regression) -> RadiusDrift | None:
     return RadiusDrift(drive.noise.radius_drift, drive.noise.radius_drift_tau_s, name, where)
 
 
-def evidence_gain(selector: Selector, terms: list[Term], more: Term) -> float:
+def heldout_gain_of_term(selector: Selector, terms: list[Term], more: Term) -> float:
     """Held-out gain of one more term."""
     evidence = selector.evidence
     with_it = evidence.heldout(selector.design([*terms, more])).sum()
     return float(with_it - evidence.heldout(selector.design(terms)).sum())
 
 
-def _alone(regression: Regression, selector: Selector) -> tuple[tuple[str, float], ...]:
+def _gains_alone(regression: Regression, selector: Selector) -> tuple[tuple[str, float], ...]:
     """Gain of each effect alone."""
     gram, b = selector.evidence.projected(selector.design([]))
     best: dict[str, float] = {}
@@ -346,7 +367,7 @@ def _alone(regression: Regression, selector: Selector) -> tuple[tuple[str, float
     return tuple(sorted(best.items(), key=lambda entry: -entry[1]))
 
 
-def _by_channel(
+def _rms_by_channel(
     regression: Regression, selection: Selection, evidence: Evidence
 ) -> dict[str, tuple[float, float]]:
     """Root mean square of the whitened residual by channel, before and after."""

@@ -28,14 +28,14 @@ def speed_ranges(drives: Sequence[DriveRegression]) -> tuple[SpeedRange, ...]:
             speed = drive.reader.windows.covariates["speed"]
             inside = (speed >= low) & (speed < high)
             seconds += int(inside.sum())
-            information += _of_radii(drive, inside)
+            information += _radius_information(drive, inside)
         if seconds:
             std_m = float(1.0 / np.sqrt(information)) if information > 0.0 else None
             out.append(SpeedRange((low, high), float(seconds), std_m))
     return tuple(out)
 
 
-def _of_radii(drive: DriveRegression, inside: np.ndarray) -> float:
+def _radius_information(drive: DriveRegression, inside: np.ndarray) -> float:
     """(1/m2) information on a radius beside the others, the median of the wheels; 0 if none is told."""
     at = [k for k, name in enumerate(drive.names) if name[0] == RADIUS.name]
     rows: FloatArray = drive.white[inside][:, :, at].reshape(-1, len(at))

@@ -28,33 +28,36 @@ def where_of(regression: Regression, one: Chosen) -> Where:
     term = one.term
     wheels, channel, covariate = location_of(regression, term)
     if term.ramp or (term.pulse and not term.nonparametric):
-        spans = _spans(regression, one)
+        spans = _time_spans(regression, one)
         return Where(wheels, channel, "time", (spans[0][0], spans[-1][1]), spans)
     if term.nonparametric and covariate == "time":
-        return Where(wheels, channel, None, None, _spans(regression, one))
-    values = values_of(regression, term, covariate)
+        return Where(wheels, channel, None, None, _time_spans(regression, one))
+    values = covariate_values(regression, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
     if term.kind_of.identification.everywhere:
         return whole_range(regression, term)
     weight = np.concatenate(
-        [_energy(regression, regression.drives[number], one) for number in regression.acting(term)]
+        [
+            _information_by_window(regression, regression.drives[number], one)
+            for number in regression.acting_drives(term)
+        ]
     )
-    return Where(wheels, channel, covariate, _quantiles(values, weight, 0.025, 0.975))
+    return Where(wheels, channel, covariate, _weighted_quantiles(values, weight, 0.025, 0.975))
 
 
 def whole_range(regression: Regression, term: Term) -> Where:
     """Return where a term acts that was not chosen: all values of its covariate."""
     wheels, channel, covariate = location_of(regression, term)
-    values = values_of(regression, term, covariate)
+    values = covariate_values(regression, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
     return Where(wheels, channel, covariate, (float(values.min()), float(values.max())))
 
 
-def values_of(regression: Regression, term: Term, covariate: str | None) -> FloatArray | None:
+def covariate_values(regression: Regression, term: Term, covariate: str | None) -> FloatArray | None:
     """(w,) the covariate in the drives in which the term acts, one after the other; None if it is unknown."""
-    windows = [regression.drives[number].reader.windows for number in regression.acting(term)]
+    windows = [regression.drives[number].reader.windows for number in regression.acting_drives(term)]
     if covariate is None or any(covariate not in one.covariates for one in windows):
         return None
     return np.concatenate([one.covariates[covariate] for one in windows])
@@ -62,13 +65,13 @@ def values_of(regression: Regression, term: Term, covariate: str | None) -> Floa
 
 def location_of(regression: Regression, term: Term) -> tuple[tuple[str, ...], str, str | None]:
     """Wheels, channel and covariate of a term."""
-    drives = [regression.drives[number] for number in regression.acting(term)]
+    drives = [regression.drives[number] for number in regression.acting_drives(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
     if term.nonparametric:
         return *_location_of_spline(term, read), term.covariate
     channel, covariate = EFFECTS[term.effect].identification.shows_in
     if channel.startswith(("gnss", "yaw")):
-        return (), *_measured_by(drives, channel, covariate)
+        return (), *_channel_by_receiver(drives, channel, covariate)
     acts = _acting_wheels(term, drives[0])
     wheels = tuple(wheel for wheel in read if wheel in acts)
     # Without another wheel to be compared with, only the receiver shows it.
@@ -88,7 +91,7 @@ def _location_of_spline(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...
     return wheels, "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
 
 
-def _measured_by(drives: Sequence[DriveRegression], channel: str, covariate: str) -> tuple[str, str]:
+def _channel_by_receiver(drives: Sequence[DriveRegression], channel: str, covariate: str) -> tuple[str, str]:
     """Channel and covariate by what the receiver tells: positions where it tells no speed or course."""
     measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
     if channel == "gnss_speed" and measured[:, SPEED].sum() < SETTINGS.hypotheses.fewest_readings:
@@ -107,28 +110,30 @@ def _acting_wheels(term: Term, drive: DriveRegression) -> tuple[str, ...]:
     return term.kind_of.acting_wheels(drive.reader.reference.car, term.parameters)
 
 
-def _energy(regression: Regression, drive: DriveRegression, one: Chosen) -> FloatArray:
+def _information_by_window(regression: Regression, drive: DriveRegression, one: Chosen) -> FloatArray:
     """(w,) how much each window says for the term, once calibration has taken up its mean."""
     response = drive.response(one.term.design, one.values)
     flat = response.reshape(-1)
-    nuisance = drive.own(regression.hypotheses.nuisance)
+    nuisance = drive.own_design(regression.hypotheses.nuisance)
     nuisance = (drive.white @ nuisance[:, np.any(nuisance != 0.0, axis=0)]).reshape(flat.size, -1)
     left = flat - nuisance @ np.linalg.lstsq(nuisance, flat, rcond=None)[0]
     return np.asarray((left.reshape(response.shape) ** 2).sum(axis=1))
 
 
-def _quantiles(values: FloatArray, weight: FloatArray, low: float, high: float) -> tuple[float, float]:
+def _weighted_quantiles(
+    values: FloatArray, weight: FloatArray, low: float, high: float
+) -> tuple[float, float]:
     order = np.argsort(values)
     share = np.cumsum(weight[order]) / max(float(weight.sum()), 1e-300)
     a, b = np.interp([low, high], share, values[order])
     return float(a), float(b)
 
 
-def _spans(regression: Regression, one: Chosen) -> tuple[tuple[float, float], ...]:
+def _time_spans(regression: Regression, one: Chosen) -> tuple[tuple[float, float], ...]:
     """When the mismatch stands: from a ramp's onset on; where a smooth term over time is beyond half its
     height. Times are from the start of the drive in which the term acts.
     """
-    end = float(regression.drives[regression.acting(one.term)[0]].reader.recording.edges_s[-1])
+    end = float(regression.drives[regression.acting_drives(one.term)[0]].reader.recording.edges_s[-1])
     if one.term.pulse:
         return ((max(one.term.span_s[0], 0.0), min(one.term.span_s[1], end)),)
     if one.term.ramp:

@@ -11,7 +11,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.result import DriveMap, Trace
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.reporting.location import values_of, where_of
+from tpmsd.offline.diagnosis.reporting.location import covariate_values, where_of
 from tpmsd.offline.diagnosis.selection.catalogue_effect import tolerance_note
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -27,20 +27,20 @@ def traces(regression: Regression, selection: Selection, evidence: Evidence) -> 
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, regression.hypotheses)
     for k, one in enumerate(selection.chosen):
-        if tolerance_note(one, regression.speeds):
+        if tolerance_note(one, regression.has_wheel_speeds_only):
             continue
         covariate = where_of(regression, one).covariate
-        values = values_of(regression, one.term, covariate)
+        values = covariate_values(regression, one.term, covariate)
         if covariate is None or values is None:
             continue
         without = evidence.fit(selector.design(terms[:k] + terms[k + 1 :]))
-        drives = [regression.drives[number] for number in regression.acting(one.term)]
+        drives = [regression.drives[number] for number in regression.acting_drives(one.term)]
         response = np.concatenate([drive.response(one.term.design, one.values) for drive in drives])
         before, after = (
             (np.concatenate([drive.residual(fit.design, fit.values) for drive in drives]) * response).sum(1)
             for fit in (without, selection.fit)
         )
-        edges = _edges(values)
+        edges = _bin_edges(values)
         if len(edges) < 4:
             continue
         at = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
@@ -59,7 +59,7 @@ def traces(regression: Regression, selection: Selection, evidence: Evidence) -> 
     return out
 
 
-def _edges(values: FloatArray) -> FloatArray:
+def _bin_edges(values: FloatArray) -> FloatArray:
     """Edges of bins with alike many windows, none narrower than a fortieth of the usual range."""
     quantiles = np.quantile(values, np.linspace(0.0, 1.0, SETTINGS.report.bins + 1))
     least = (quantiles[-2] - quantiles[1]) / 40.0
@@ -71,7 +71,7 @@ def _edges(values: FloatArray) -> FloatArray:
     return np.array(edges)
 
 
-def ground(regression: Regression, selection: Selection, evidence: Evidence) -> DriveMap | None:
+def drive_map(regression: Regression, selection: Selection, evidence: Evidence) -> DriveMap | None:
     """Return the map, several drives side by side; None without positions."""
     rolling = evidence.fit(regression.hypotheses.nuisance)
     parts: list[FloatArray] = []

@@ -45,15 +45,21 @@ from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.lost_counts import LOW_SPEED, RHYTHM, SINGLY, lost_in, single_of
+from tpmsd.offline.diagnosis.assessment.lost_counts import (
+    LOW_SPEED,
+    RHYTHM,
+    SINGLY,
+    low_speed_losses_of_drives,
+    single_losses_of,
+)
 from tpmsd.offline.diagnosis.assessment.result import FINDING, Finding, Remaining, RollingDiagnosis
 from tpmsd.offline.diagnosis.assessment.teeth import RING
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
-from tpmsd.offline.diagnosis.robustness.p_value import PValue, beyond, enough, estimate_p_value
-from tpmsd.offline.diagnosis.robustness.verdict import decided
+from tpmsd.offline.diagnosis.robustness.p_value import PValue, count_reaching, estimate_p_value, is_decided
+from tpmsd.offline.diagnosis.robustness.verdict import with_decisions
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
@@ -102,30 +108,32 @@ def certified(
     statistics = [
         _statistic_of(regression, selection, evidence, one, dispersion) for one in diagnosis.findings
     ]
-    statistics.append(_of_the_rest(regression, selection, evidence))
-    models = [_model(regression, selection, number) for number in range(len(regression.drives))]
-    drawn = _drawn(regression, models, statistics, replicates, rng, progress)
+    statistics.append(_statistic_of_rest(regression, selection, evidence))
+    models = [_model_of_drive(regression, selection, number) for number in range(len(regression.drives))]
+    drawn = _statistics_of_replicates(regression, models, statistics, replicates, rng, progress)
     *p_values, of_the_rest = [
         estimate_p_value(one.value, values, one.own) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
-    again = _without_splines(
+    again = _p_values_without_splines(
         regression, selection, evidence, diagnosis.findings, p_values, dispersion, replicates, rng
     )
     control = negative_control(regression, selection)
     return replace(
-        decided(
+        with_decisions(
             diagnosis,
             [again.get(k, one) for k, one in enumerate(p_values)],
             [one.value > control for one in statistics],
         ),
         replicates=len(drawn[0]),
-        remaining=Remaining(rest.value, of_the_rest.p_value, beyond(rest.value, drawn[-1]), len(drawn[-1])),
+        remaining=Remaining(
+            rest.value, of_the_rest.p_value, count_reaching(rest.value, drawn[-1]), len(drawn[-1])
+        ),
         control=control if math.isfinite(control) else None,
     )
 
 
-def _drawn(
+def _statistics_of_replicates(
     regression: Regression,
     models: Sequence[ExtendedModel],
     statistics: Sequence[Statistic],
@@ -140,12 +148,12 @@ def _drawn(
         for values, one in zip(drawn, statistics, strict=True):
             values.append(one.largest(again))
         progress((number + 1) / replicates)
-        if all(enough(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
+        if all(is_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
             break
     return drawn
 
 
-def _without_splines(
+def _p_values_without_splines(
     regression: Regression,
     selection: Selection,
     evidence: Evidence,
@@ -162,14 +170,14 @@ def _without_splines(
         return {}
     asked: list[tuple[int, int]] = []
     for k, (finding, one) in enumerate(zip(findings, p_values, strict=True)):
-        which = _of(selection, finding)
+        which = _chosen_index(selection, finding)
         reached = one.tail > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING
         if which is not None and reached:
             asked.append((k, which))
     if not asked:
         return {}
     statistics = [
-        _of_term(
+        _statistic_of_term(
             regression,
             selection,
             evidence,
@@ -180,16 +188,17 @@ def _without_splines(
         for _, which in asked
     ]
     models = [
-        _model(regression, selection, number, splines=False) for number in range(len(regression.drives))
+        _model_of_drive(regression, selection, number, splines=False)
+        for number in range(len(regression.drives))
     ]
-    drawn = _drawn(regression, models, statistics, replicates, rng)
+    drawn = _statistics_of_replicates(regression, models, statistics, replicates, rng)
     return {
         k: estimate_p_value(one.value, values)
         for (k, _), one, values in zip(asked, statistics, drawn, strict=True)
     }
 
 
-def _of(selection: Selection, finding: Finding) -> int | None:
+def _chosen_index(selection: Selection, finding: Finding) -> int | None:
     """Number of the chosen term of which a finding tells; None of one that comes from elsewhere."""
     for k, one in enumerate(selection.chosen):
         if one.term.effect == finding.effect and one.heldout_gain == finding.gain:
@@ -205,18 +214,20 @@ def _draw_replicate(
         for drive, model in zip(regression.drives, models, strict=True)
     ]
     drives = [
-        drive.repeated(one, model)
+        drive.of_replicate(one, model)
         for drive, one, model in zip(regression.drives, recordings, models, strict=True)
     ]
-    return Replicate(Evidence([drive.part() for drive in drives], regression.width), tuple(drives))
+    return Replicate(Evidence([drive.drive_grams() for drive in drives], regression.width), tuple(drives))
 
 
-def _model(regression: Regression, selection: Selection, drive: int, splines: bool = True) -> ExtendedModel:
+def _model_of_drive(
+    regression: Regression, selection: Selection, drive: int, splines: bool = True
+) -> ExtendedModel:
     """Return all that was chosen, as it acts in one drive; `splines`: with the spline terms."""
     effects: list[Effect] = []
     for one in selection.chosen:
         if (
-            drive not in regression.acting(one.term)
+            drive not in regression.acting_drives(one.term)
             or one.term.calibrates
             or (one.term.nonparametric and not splines)
         ):
@@ -224,11 +235,11 @@ def _model(regression: Regression, selection: Selection, drive: int, splines: bo
         if one.term.nonparametric:
             effects.append(empirical_effect(one, regression.knots(one.term))[0])
         else:
-            effects.append(_acting(one)[0])
+            effects.append(_acting_effect(one)[0])
     return ExtendedModel(tuple(effects))
 
 
-def _acting(one: Chosen) -> tuple[Effect, FloatArray]:
+def _acting_effect(one: Chosen) -> tuple[Effect, FloatArray]:
     """Return an effect as it acts in replicates, and the values (k,) by which its columns say the same.
 
     One without parameters acts in full, whatever share of it fits best.
@@ -241,27 +252,29 @@ def _statistic_of(
     regression: Regression, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
 ) -> Statistic:
     own = finding.own_chance or 0.0
-    largest = _searches(selection).get(finding.found_by)
+    largest = _largest_gain_by_search(selection).get(finding.found_by)
     if largest is not None:
         return Statistic(finding.gain, largest, own)
-    which = _of(selection, finding)
+    which = _chosen_index(selection, finding)
     if which is None:  # a sensor's reading, which replicates do not draw
         return Statistic(finding.gain, lambda again: 0.0, own)
-    return _of_term(regression, selection, evidence, which, dispersion)
+    return _statistic_of_term(regression, selection, evidence, which, dispersion)
 
 
-def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
+def _largest_gain_by_search(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
     """Return, by the search that found it, the largest gain of it in a replicate; 0 where it finds nothing
     there.
     """
 
     def singly(again: Replicate) -> float:
         fit = again.evidence.fit(selection.fit.design)
-        found = [single_of(drive, fit) for drive in again.drives]
+        found = [single_losses_of(drive, fit) for drive in again.drives]
         return max((one.gain + one.unlike for one in found if one is not None), default=0.0)
 
     return {
-        LOW_SPEED: lambda again: max((one.gain for one in lost_in(again.drives)), default=0.0),
+        LOW_SPEED: lambda again: max(
+            (one.gain for one in low_speed_losses_of_drives(again.drives)), default=0.0
+        ),
         RHYTHM: lambda again: max(
             (
                 one.gain
@@ -282,7 +295,7 @@ def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
     }
 
 
-def _of_the_rest(regression: Regression, selection: Selection, evidence: Evidence) -> Statistic:
+def _statistic_of_rest(regression: Regression, selection: Selection, evidence: Evidence) -> Statistic:
     """Return the gain of all alternatives to adding nothing to what was chosen."""
     terms = [one.term for one in selection.chosen]
 
@@ -292,7 +305,7 @@ def _of_the_rest(regression: Regression, selection: Selection, evidence: Evidenc
     return Statistic(largest(evidence), lambda again: largest(again.evidence))
 
 
-def _of_term(
+def _statistic_of_term(
     regression: Regression,
     selection: Selection,
     evidence: Evidence,
@@ -309,13 +322,13 @@ def _of_term(
     search = Candidates(evidence, regression.hypotheses)
     penalised_gain = search.penalised_gain(one.term, one.gain, float(one.values[0]))
     value = min(
-        search.studentised(rest, one.term, penalised_gain),
+        search.studentised_gain(rest, one.term, penalised_gain),
         (penalised_gain + one.term.penalty) / dispersion - one.term.penalty,
     )
     response = (
         acts
         * one.term.design
-        @ (one.values if one.term.nonparametric or one.term.calibrates else _acting(one)[1])
+        @ (one.values if one.term.nonparametric or one.term.calibrates else _acting_effect(one)[1])
     )
 
     def largest(again: Replicate) -> float:
@@ -334,5 +347,5 @@ def _largest_gain(search: Candidates, rest: list[Term]) -> float:
         if penalised_gain <= largest:  # no ratio is below one
             break
         if not term.calibrates and term.kind_of.penalty(0.0) >= 0.0:
-            largest = max(largest, search.studentised(rest, term, penalised_gain))
+            largest = max(largest, search.studentised_gain(rest, term, penalised_gain))
     return largest

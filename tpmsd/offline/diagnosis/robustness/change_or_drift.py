@@ -23,10 +23,10 @@ from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.refine import exact
-from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
+from tpmsd.offline.diagnosis.refinement.refine import exact_term
+from tpmsd.offline.diagnosis.robustness.confirm import acts_on_all_read_wheels, gain_under_other_noise
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
-from tpmsd.offline.diagnosis.robustness.with_drift import as_wide_as, with_drift
+from tpmsd.offline.diagnosis.robustness.with_drift import as_wide_as, fit_ramps_with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -42,7 +42,9 @@ class NoiseFit:
     noise: Noise
 
 
-def changed(found: FoundTerms, earlier: Selection, tried: Sequence[Sequence[Term]] = ()) -> FoundTerms:
+def add_radius_change(
+    found: FoundTerms, earlier: Selection, tried: Sequence[Sequence[Term]] = ()
+) -> FoundTerms:
     """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
     radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
     with the values that it had.
@@ -56,20 +58,20 @@ def changed(found: FoundTerms, earlier: Selection, tried: Sequence[Sequence[Term
         return found
     terms = [one.term for one in found.selection.chosen]
     drifting = _with_likeliest_noise(drive, Selector(found.evidence, before.hypotheses).design(terms))
-    regression = before.copied().under({0: drifting.noise})
+    regression = before.copied().with_noise({0: drifting.noise})
     taken = {term.key for term in terms}
     likely = _likely_changes(regression, terms, drifting, earlier)
     terms, likely = ([as_wide_as(regression, one) for one in some] for some in (terms, likely))
     models = _WholeModels(regression)
     alone = models.score(terms)
     best = max([[*terms, one] for one in likely], key=models.score, default=terms)
-    if starts := _with_one_change(tried, taken):
-        models, best = _with_its_terms(models, starts, terms, best)
+    if starts := _sets_with_one_change(tried, taken):
+        models, best = _likeliest_set(models, starts, terms, best)
     if models.score(best) <= alone:
         return found
-    regression = models.regression.under({0: models.fitted(best).noise})
+    regression = models.regression.with_noise({0: models.likeliest_noise(best).noise})
     evidence = regression.evidence()
-    judged = Selector(evidence, regression.hypotheses, last=True).judged(best)
+    judged = Selector(evidence, regression.hypotheses, last=True).selection_of(best)
     events = {one.term.key for one in judged.chosen if one.term.ramp or one.term.pulse}
     return FoundTerms(regression, judged, evidence) if events - taken else found
 
@@ -80,24 +82,26 @@ def _likely_changes(
     """Return the changes that were chosen earlier and are no more, and the likeliest one beside the terms."""
     taken = {term.key for term in terms}
     likely = [one.term for one in earlier.chosen if one.term.ramp and one.term.key not in taken]
-    term = _likeliest(regression, terms, drifting)
+    term = _likeliest_change(regression, terms, drifting)
     if term is not None:
         here = regression.evidence()
         likely.append(
-            exact(regression, here, Selector(here, regression.hypotheses).design(list(terms)), term)
+            exact_term(regression, here, Selector(here, regression.hypotheses).design(list(terms)), term)
         )
     return likely
 
 
-def _with_its_terms(
+def _likeliest_set(
     models: _WholeModels, starts: Sequence[Sequence[Term]], terms: list[Term], best: list[Term]
 ) -> tuple[_WholeModels, list[Term]]:
     """Return the likeliest set that the starts lead to, its change exact, and the models it is one of; those
     given and `best` where that, the present terms or the set without its change score as high."""
     regression = models.regression
     wide = [[as_wide_as(regression, term) for term in start] for start in starts]
-    likeliest = max(_under_less_drift(regression, wide, terms), key=models.score)
-    refined, exactly = with_drift(regression.under({0: models.fitted(likeliest).noise}), likeliest)
+    likeliest = max(_best_sets_under_less_drift(regression, wide, terms), key=models.score)
+    refined, exactly = fit_ramps_with_drift(
+        regression.with_noise({0: models.likeliest_noise(likeliest).noise}), likeliest
+    )
     among = _WholeModels(refined)
     # What the other terms of the set bring is no merit of the change.
     without = [term for term in exactly if not term.ramp]
@@ -106,7 +110,9 @@ def _with_its_terms(
     return models, best
 
 
-def _with_one_change(tried: Sequence[Sequence[Term]], taken: Collection[tuple[str, ...]]) -> list[list[Term]]:
+def _sets_with_one_change(
+    tried: Sequence[Sequence[Term]], taken: Collection[tuple[str, ...]]
+) -> list[list[Term]]:
     """Return the sets with one of their changes of a radius each, where it is not taken already."""
     return [
         [one, *(term for term in terms if not term.ramp)]
@@ -124,7 +130,7 @@ class _WholeModels:
         self._selector = Selector(regression.evidence(), regression.hypotheses)
         self._fitted: dict[tuple[Term, ...], NoiseFit] = {}
 
-    def fitted(self, terms: Sequence[Term]) -> NoiseFit:
+    def likeliest_noise(self, terms: Sequence[Term]) -> NoiseFit:
         """Return the likeliest drift beside a set, and how likely the drive is then."""
         key = tuple(terms)
         if key not in self._fitted:
@@ -133,33 +139,33 @@ class _WholeModels:
 
     def score(self, terms: Sequence[Term]) -> float:
         """Return the log posterior less what each term must bring, nats."""
-        return self.fitted(terms).log_likelihood - _needed(terms)
+        return self.likeliest_noise(terms).log_likelihood - _total_needed_gain(terms)
 
 
-def _under_less_drift(
+def _best_sets_under_less_drift(
     regression: Regression, starts: Sequence[list[Term]], pool: Sequence[Term]
 ) -> list[list[Term]]:
     """Return the best set from each start beside less drift than was estimated, for some sizes of it."""
     out, noise = [], regression.drives[0].noise
     for share in SETTINGS.robustness.drift_levels[1:]:
         less = replace(with_usual_drift(noise), radius_drift=share * noise.radius_drift)
-        under = regression.under({0: less})
+        under = regression.with_noise({0: less})
         selector = Selector(under.evidence(), under.hypotheses, last=True)
-        out += [_climbed(selector, start, pool) for start in starts]
+        out += [_stepwise_best_set(selector, start, pool) for start in starts]
     return out
 
 
-def _climbed(selector: Selector, start: list[Term], pool: Sequence[Term]) -> list[Term]:
+def _stepwise_best_set(selector: Selector, start: list[Term], pool: Sequence[Term]) -> list[Term]:
     """Return the set from which no step brings more: a term added, of a pool or of those that bring most
     beside the set, or one left out that is no change of a radius. No event and no spline term is added."""
 
     def penalised(terms: list[Term]) -> float:
-        return selector.gain(terms) - _needed(terms)
+        return selector.gain(terms) - _total_needed_gain(terms)
 
     best, before = start, None
     while best is not before:
         before, keys = best, {term.key for term in best}
-        foremost = [added[0] for _, added in selector.foremost(best) if len(added) == 1]
+        foremost = [added[0] for _, added in selector.best_candidates(best) if len(added) == 1]
         steps = [[*best[:k], *best[k + 1 :]] for k, term in enumerate(best) if not term.ramp]
         steps += [
             [*best, term]
@@ -170,12 +176,12 @@ def _climbed(selector: Selector, start: list[Term], pool: Sequence[Term]) -> lis
     return best
 
 
-def _needed(terms: Sequence[Term]) -> float:
+def _total_needed_gain(terms: Sequence[Term]) -> float:
     """Return what terms must bring to be chosen, nats."""
     return sum(term.penalty + SETTINGS.selection.admit_nats for term in terms)
 
 
-def erring(found: FoundTerms) -> FoundTerms:
+def add_velocity_error(found: FoundTerms) -> FoundTerms:
     """Add the constant error of the receiver's velocity that is likelier than slow noise of its speed; asked
     of single drives."""
     regression, drive = found.regression, found.regression.drives[0]
@@ -185,12 +191,14 @@ def erring(found: FoundTerms) -> FoundTerms:
     selector = Selector(found.evidence, regression.hypotheses)
     design = selector.design(terms)
     quiet = min(SETTINGS.robustness.drift_levels) * drive.noise.speed_mps
-    calm = drive.under(replace(drive.noise, speed_mps=quiet))
+    calm = drive.with_noise(replace(drive.noise, speed_mps=quiet))
     chosen = {term.effect for term in terms}
     likely: list[Term] = []
     for term in regression.hypotheses.catalogue:
         if term.kind_of.confounding.resembles is NoiseResemblance.VELOCITY and term.effect not in chosen:
-            most = under_other_noise(regression, selector.design([*terms, term]), design.shape[1], {0: calm})
+            most = gain_under_other_noise(
+                regression, selector.design([*terms, term]), design.shape[1], {0: calm}
+            )
             likely += [term] if most > term.penalty + SETTINGS.selection.admit_nats else []
     if not likely:
         return found
@@ -201,9 +209,9 @@ def erring(found: FoundTerms) -> FoundTerms:
     jointly, term = max(models, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
     if jointly.log_likelihood - alone <= term.penalty + SETTINGS.selection.admit_nats:
         return found
-    regression = regression.under({0: jointly.noise})
+    regression = regression.with_noise({0: jointly.noise})
     evidence = regression.evidence()
-    judged = Selector(evidence, regression.hypotheses, last=True).judged([*terms, term])
+    judged = Selector(evidence, regression.hypotheses, last=True).selection_of([*terms, term])
     return (
         FoundTerms(regression, judged, evidence) if any(one.term is term for one in judged.chosen) else found
     )
@@ -215,25 +223,25 @@ def _with_likeliest_noise(
     """Return the likeliest slow noise of these names beside a design: there may be two, a far and slow one
     and a near and quick one.
     """
-    windows, columns = drive.reader.windows, drive.white_design(design)
+    windows, columns = drive.reader.windows, drive.data_and_design(design)
     default = replace(drive.noise, **{name: getattr(Noise, name) for name in names})
     found = [refit(windows, columns, start, drive.inflate, names) for start in (drive.noise, default)]
     models = [NoiseFit(log_posterior(windows, columns, noise, drive.inflate), noise) for noise in found]
     return max(models, key=lambda model: model.log_likelihood)
 
 
-def _likeliest(regression: Regression, terms: Sequence[Term], drifting: NoiseFit) -> Term | None:
+def _likeliest_change(regression: Regression, terms: Sequence[Term], drifting: NoiseFit) -> Term | None:
     """Return the change or event on the grid that goes with the likeliest model, over some sizes of the
     drift.
     """
     drive = regression.drives[0]
     best: tuple[float, Term] | None = None
     for share in SETTINGS.robustness.drift_levels:
-        tried = drive.under(replace(drifting.noise, radius_drift=share * drifting.noise.radius_drift))
-        selector = Selector(regression.trial([tried]).evidence(), regression.hypotheses, last=True)
+        tried = drive.with_noise(replace(drifting.noise, radius_drift=share * drifting.noise.radius_drift))
+        selector = Selector(regression.with_drives([tried]).evidence(), regression.hypotheses, last=True)
         design = selector.design(terms)
         gram, b = selector.evidence.projected(design)
-        alone = log_posterior(drive.reader.windows, drive.white_design(design), tried.noise, tried.inflate)
+        alone = log_posterior(drive.reader.windows, drive.data_and_design(design), tried.noise, tried.inflate)
         found = regression.hypotheses.ramp_gains(gram, b) + regression.hypotheses.pulse_gains(gram, b)
         own = [term for term in regression.hypotheses.catalogue if term.ramp or term.pulse]
         found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
@@ -242,13 +250,13 @@ def _likeliest(regression: Regression, terms: Sequence[Term], drifting: NoiseFit
         usable = [
             (gain, term)
             for gain, term in found
-            if term.key not in taken and not of_all_read(regression, term)
+            if term.key not in taken and not acts_on_all_read_wheels(regression, term)
         ]
         for gain, term in sorted(usable, key=lambda entry: entry[1].penalty - entry[0])[
             : SETTINGS.robustness.judged
         ]:
             # What a few blocks decide is less sure than it looks.
-            margin = alone + gain / selector.ratio([*terms, term], len(terms)) - term.penalty
+            margin = alone + gain / selector.variance_ratio([*terms, term], len(terms)) - term.penalty
             if best is None or margin > best[0]:
                 best = (margin, term)
     return None if best is None else best[1]

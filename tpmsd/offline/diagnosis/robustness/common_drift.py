@@ -24,7 +24,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import with_usual_drift
 
 
-def together(found: FoundTerms, before: Selection) -> FoundTerms:
+def add_common_shape(found: FoundTerms, before: Selection) -> FoundTerms:
     """Add the shape over time that a group of wheels has in common.
 
     Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
@@ -36,14 +36,14 @@ def together(found: FoundTerms, before: Selection) -> FoundTerms:
         return found
     if drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
-    tried = regression.under({0: with_usual_drift(drive.noise)})
+    tried = regression.with_noise({0: with_usual_drift(drive.noise)})
     calm = tried.evidence()
     selector = Selector(calm, regression.hypotheses, last=True)
     terms = [one.term for one in selection.chosen]
     shape = _common_shape(selector, terms)
     if shape is not None:
         shape = _changed_radius(selector, terms, shape, [one.term for one in before.chosen]) or shape
-        judged = selector.judged([*terms, shape])
+        judged = selector.selection_of([*terms, shape])
         if any(one.term is shape for one in judged.chosen):
             return FoundTerms(tried, judged, calm)
     return found

@@ -43,12 +43,12 @@ from tpmsd.offline.inference.whitening import whiten
 from tpmsd.offline.inference.windows import EAST
 
 
-def confirmed(found: FoundTerms) -> FoundTerms:
+def remove_terms_of_slow_noise(found: FoundTerms) -> FoundTerms:
     """Take out the terms that slow noise explains as well."""
     regression, selection, evidence = found
     for one in selection.chosen:
         looks = one.term.kind_of.confounding.resembles
-        common = looks is NoiseResemblance.COMMON or of_all_read(regression, one.term)
+        common = looks is NoiseResemblance.COMMON or acts_on_all_read_wheels(regression, one.term)
         wheel = looks is NoiseResemblance.WHEEL or one.term.covariate in ("time", "distance")
         clear = SETTINGS.robustness.clear_of_drift_nats if wheel else 0.0
         if one.gain > (SETTINGS.robustness.clear_of_receiver_nats if common else clear):
@@ -58,32 +58,35 @@ def confirmed(found: FoundTerms) -> FoundTerms:
         without, with_it = selector.design(terms), selector.design([*terms, one.term])
         least = SETTINGS.selection.admit_nats + one.term.penalty
         null = {
-            number: _without(regression.drives[number], without, common)
-            for number in regression.acting(one.term)
+            number: _under_null_noise(regression.drives[number], without, common)
+            for number in regression.acting_drives(one.term)
         }
         asked = [null]
         if common:
             asked.append({number: _at_full_weight(drive, without) for number, drive in null.items()})
-        if min(under_other_noise(regression, with_it, without.shape[1], other) for other in asked) < least:
-            slower = regression.under({number: drive.noise for number, drive in null.items()})
+        if (
+            min(gain_under_other_noise(regression, with_it, without.shape[1], other) for other in asked)
+            < least
+        ):
+            slower = regression.with_noise({number: drive.noise for number, drive in null.items()})
             evidence = slower.evidence()
-            return confirmed(
-                FoundTerms(slower, Selector(evidence, regression.hypotheses).judged(terms), evidence)
+            return remove_terms_of_slow_noise(
+                FoundTerms(slower, Selector(evidence, regression.hypotheses).selection_of(terms), evidence)
             )
-    return FoundTerms(regression, _receivers_own(regression, selection, evidence), evidence)
+    return FoundTerms(regression, _with_instrument_effects(regression, selection, evidence), evidence)
 
 
-def of_all_read(regression: Regression, term: Term) -> bool:
+def acts_on_all_read_wheels(regression: Regression, term: Term) -> bool:
     """Return whether a term acts on all wheels that are read, so that only the receiver shows it."""
     read = {
         WHEELS[k]
-        for number in regression.acting(term)
+        for number in regression.acting_drives(term)
         for k in regression.drives[number].reader.recording.wheels
     }
     return read <= set(PATTERNS.get(term.pattern, ()))
 
 
-def _receivers_own(regression: Regression, selection: Selection, evidence: Evidence) -> Selection:
+def _with_instrument_effects(regression: Regression, selection: Selection, evidence: Evidence) -> Selection:
     """Return what may as well be an instrument's usual making is that, and no finding."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
@@ -92,25 +95,29 @@ def _receivers_own(regression: Regression, selection: Selection, evidence: Evide
             continue
         same = [t for t in regression.hypotheses.catalogue if t.effect in joint and t.drive == one.term.drive]
         if same and not any(term.effect in joint for term in terms):
-            return Selector(evidence, regression.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
+            return Selector(evidence, regression.hypotheses).selection_of(
+                [*terms[:k], *terms[k + 1 :], same[0]]
+            )
     return selection
 
 
-def _without(drive: DriveRegression, design: FloatArray, common: bool) -> DriveRegression:
+def _under_null_noise(drive: DriveRegression, design: FloatArray, common: bool) -> DriveRegression:
     """Return a drive under the noise that fits it best with this design: the receiver's slow error, or radius
     drift.
     """
-    windows, columns = drive.reader.windows, drive.white_design(design)
+    windows, columns = drive.reader.windows, drive.data_and_design(design)
     if not common:
         start = replace(drive.noise, radius_drift=max(drive.noise.radius_drift, PRIORS["radius_drift"][0]))
         null = refit_radius_drift(windows, columns, start, drive.inflate)
         much = drive.noise.radius_drift >= SETTINGS.robustness.drifts_from
         unsure = SETTINGS.robustness.drift_unsure if much else 1.0
-        return drive.under(replace(null, radius_drift=unsure * null.radius_drift))
+        return drive.with_noise(replace(null, radius_drift=unsure * null.radius_drift))
     middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
     starts = (drive.noise, replace(drive.noise, **middles))
     found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]
-    return drive.under(max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate)))
+    return drive.with_noise(
+        max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate))
+    )
 
 
 def _at_full_weight(drive: DriveRegression, design: FloatArray) -> DriveRegression:
@@ -119,11 +126,11 @@ def _at_full_weight(drive: DriveRegression, design: FloatArray) -> DriveRegressi
         return drive
     inflate = drive.inflate.copy()
     inflate[:, EAST:] = 1.0
-    noise = refit(drive.reader.windows, drive.white_design(design), drive.noise, inflate, POSITION)
-    return drive.under(noise, inflate)
+    noise = refit(drive.reader.windows, drive.data_and_design(design), drive.noise, inflate, POSITION)
+    return drive.with_noise(noise, inflate)
 
 
-def under_other_noise(
+def gain_under_other_noise(
     regression: Regression, design: FloatArray, first: int, null: Mapping[int, DriveRegression]
 ) -> float:
     """Log-likelihood that a design's columns from `first` on bring, with some drives under another noise."""
@@ -132,13 +139,13 @@ def under_other_noise(
     for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], k))
         if number in null:
-            other, acting = null[number], np.any(drive.own(design) != 0.0, axis=0)
+            other, acting = null[number], np.any(drive.own_design(design) != 0.0, axis=0)
             rows[:, :, np.concatenate([[True], acting])] = whiten(
-                drive.reader.windows, other.noise, drive.white_design(design), other.inflate
+                drive.reader.windows, other.noise, drive.data_and_design(design), other.inflate
             )[0]
         else:
             rows[:, :, 0] = drive.white[:, :, 0]
-            rows[:, :, 1:] = drive.acting(design)
+            rows[:, :, 1:] = drive.whitened_design(design)
         flat = rows.reshape(-1, k)
         gram += flat.T @ flat
     return gain_of(gram) - gain_of(gram[: 1 + first, : 1 + first])

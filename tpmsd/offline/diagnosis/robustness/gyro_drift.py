@@ -32,7 +32,7 @@ GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
 READING = "yaw_rate"
 
 
-def drifting(found: FoundTerms) -> FoundTerms:
+def add_gyro_drift(found: FoundTerms) -> FoundTerms:
     """Put the shape of the gyro's bias over time instead of a constant one, for single drives."""
     regression, selection = found.regression, found.selection
     drive = regression.drives[0]
@@ -41,14 +41,14 @@ def drifting(found: FoundTerms) -> FoundTerms:
         return found
     terms = [one.term for one in selection.chosen]
     others = [term for term in terms if term.kind_of.confounding.drifts_into != READING]
-    typical = drive.under(replace(drive.noise, gyro_drift_radps=TYPICAL))
-    selector = Selector(regression.trial([typical]).evidence(), regression.hypotheses, last=True)
+    typical = drive.with_noise(replace(drive.noise, gyro_drift_radps=TYPICAL))
+    selector = Selector(regression.with_drives([typical]).evidence(), regression.hypotheses, last=True)
     shape = _best_shape(selector, others)
     if shape is not None:
         # What drifts was in the gyro's white noise as well.
-        design = drive.white_design(selector.design([*others, shape]))
+        design = drive.data_and_design(selector.design([*others, shape]))
         refitted = refit(drive.reader.windows, design, typical.noise, typical.inflate, GYRO_NOISE)
-        tried = regression.under({0: refitted})
+        tried = regression.with_noise({0: refitted})
         calm = tried.evidence()
         selector = Selector(calm, regression.hypotheses, last=True)
         margin = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
@@ -56,7 +56,7 @@ def drifting(found: FoundTerms) -> FoundTerms:
             margin > SETTINGS.selection.admit_nats
             and _peak_to_peak(selector, others, shape) > SETTINGS.robustness.gyro_far_radps
         ):
-            judged = selector.judged([*others, shape])
+            judged = selector.selection_of([*others, shape])
             if any(one.term is shape for one in judged.chosen):
                 return FoundTerms(tried, _with_spline_confidence(judged, shape, margin), calm)
     return found

@@ -27,14 +27,14 @@ OF_TIME = ("time", "distance")
 
 def negative_control(regression: Regression, selection: Selection) -> float:
     """Nats; minus infinity where no covariate varies enough to bear a shape."""
-    gains = [gain for drive in regression.examined for gain in _gains(drive, selection.fit.design)]
+    gains = [gain for drive in regression.examined for gain in _penalised_gains(drive, selection.fit.design)]
     return max(gains, default=-np.inf)
 
 
-def _gains(drive: DriveRegression, design: FloatArray) -> list[float]:
+def _penalised_gains(drive: DriveRegression, design: FloatArray) -> list[float]:
     """Penalised gains of one drive's spline terms, by covariate and wheel pattern."""
     windows = drive.reader.windows
-    model = drive.acting(design).reshape(windows.measured.size, -1)
+    model = drive.whitened_design(design).reshape(windows.measured.size, -1)
     model = model[:, np.any(model != 0.0, axis=0)]
     basis = scipy.linalg.qr(model / np.linalg.norm(model, axis=0), mode="economic")[0]
     left = drive.white[:, :, 0].ravel()
@@ -56,12 +56,12 @@ def _gains(drive: DriveRegression, design: FloatArray) -> list[float]:
         at = 0
         for column in columns:
             X = white[:, at : at + column.shape[2]]
-            out.append(_gain(X, left) - spline_penalty(X.shape[1]))
+            out.append(_gain_of_columns(X, left) - spline_penalty(X.shape[1]))
             at += X.shape[1]
     return out
 
 
-def _gain(X: FloatArray, y: FloatArray) -> float:
+def _gain_of_columns(X: FloatArray, y: FloatArray) -> float:
     """Log-likelihood that columns (n, k) bring on data (n,)."""
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-150)
     score = (y @ X) / size

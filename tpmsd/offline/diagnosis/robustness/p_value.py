@@ -37,13 +37,13 @@ def estimate_p_value(value: float, maxima: Sequence[float], own: float = 0.0) ->
 
     `own` is the probability by a test's own distribution, 0 without one; no decision takes a smaller one.
     """
-    counted, is_bound = p_value(value, maxima)
+    counted, is_bound = counted_p_value(value, maxima)
     return PValue(max(counted, own), is_bound and own <= counted, max(tail_probability(value, maxima), own))
 
 
-def p_value(value: float, maxima: Sequence[float]) -> tuple[float, bool]:
+def counted_p_value(value: float, maxima: Sequence[float]) -> tuple[float, bool]:
     """Share of the maxima that reach the value, and whether it is the bound 1 / (n + 1) because none does."""
-    count, exceeded = len(maxima), beyond(value, maxima)
+    count, exceeded = len(maxima), count_reaching(value, maxima)
     if exceeded >= SETTINGS.robustness.exceeded:
         return exceeded / count, False
     return (exceeded + 1) / (count + 1), exceeded == 0
@@ -53,7 +53,7 @@ def tail_probability(value: float, maxima: Sequence[float]) -> float:
     """Probability that chance makes as much: counted where some of the maxima reach the value, else by the
     tail of their Gumbel distribution, whose scale is raised by the doubt of so few."""
     count = len(maxima)
-    counted, is_bound = p_value(value, maxima)
+    counted, is_bound = counted_p_value(value, maxima)
     if not is_bound:
         return counted
     spread = float(np.std(maxima, ddof=1)) if count > 1 else 0.0
@@ -64,7 +64,7 @@ def tail_probability(value: float, maxima: Sequence[float]) -> float:
     return min(-math.expm1(-math.exp(-(value - middle) / scale)), counted)
 
 
-def beyond(value: float, maxima: Sequence[float]) -> int:
+def count_reaching(value: float, maxima: Sequence[float]) -> int:
     """Return the number of maxima that reach the value."""
     return sum(one >= value for one in maxima)
 
@@ -81,9 +81,9 @@ def discoveries(probabilities: Sequence[float], rate: float) -> list[bool]:
     return [k in kept for k in range(len(probabilities))]
 
 
-def enough(value: float, maxima: Sequence[float]) -> bool:
+def is_decided(value: float, maxima: Sequence[float]) -> bool:
     """Return whether no further replicate would change a decision (Besag and Clifford, Biometrika 1991)."""
-    if beyond(value, maxima) >= SETTINGS.robustness.exceeded:
+    if count_reaching(value, maxima) >= SETTINGS.robustness.exceeded:
         return True
     return (
         len(maxima) >= SETTINGS.robustness.fewest_replicates

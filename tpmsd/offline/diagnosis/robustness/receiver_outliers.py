@@ -25,8 +25,8 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
-from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
+from tpmsd.offline.diagnosis.refinement.beyond_linear import prune_by_exact_responses
+from tpmsd.offline.diagnosis.robustness.confirm import acts_on_all_read_wheels
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -35,25 +35,29 @@ from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise_fit import single_outliers
 
 
-def lasting(found: FoundTerms) -> FoundTerms:
+def remove_receiver_events(found: FoundTerms) -> FoundTerms:
     """Take out the events of all wheels that are read which a few readings of the receiver make."""
     regression, selection, evidence = found
     selector = Selector(evidence, regression.hypotheses, last=True)
     for one in selection.chosen:
-        if not (one.term.pulse and of_all_read(regression, one.term)):
+        if not (one.term.pulse and acts_on_all_read_wheels(regression, one.term)):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
-        lighter = _down_weighted(regression, selector.design(terms), one.term)
+        lighter = _outliers_down_weighted(regression, selector.design(terms), one.term)
         calm = lighter.evidence()
         robust = Selector(calm, regression.hypotheses, last=True)
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
-        gain += sum(jump_evidence(regression.drives[number], one) for number in regression.acting(one.term))
+        gain += sum(
+            jump_evidence(regression.drives[number], one) for number in regression.acting_drives(one.term)
+        )
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
-            return lasting(FoundTerms(lighter, _chosen_again(lighter, calm, one.term), calm))
+            return remove_receiver_events(
+                FoundTerms(lighter, _selected_without_events(lighter, calm, one.term), calm)
+            )
     return found
 
 
-def _down_weighted(regression: Regression, design: FloatArray, event: Term) -> Regression:
+def _outliers_down_weighted(regression: Regression, design: FloatArray, event: Term) -> Regression:
     """Return the regression in which the readings weigh less that are outliers without an event, in the
     drives in which it would act.
 
@@ -64,40 +68,46 @@ def _down_weighted(regression: Regression, design: FloatArray, event: Term) -> R
         evidence = regression.evidence()
         fit = evidence.fit(design)
         drives, changed = list(regression.drives), False
-        for number in regression.acting(event):
+        for number in regression.acting_drives(event):
             drive = regression.drives[number]
             factor = single_outliers(drive.residual(fit.design, fit.values))
             changed = changed or bool(np.any(factor > 1.0))
-            drives[number] = drive.under(inflate=factor if drive.inflate is None else drive.inflate * factor)
+            drives[number] = drive.with_noise(
+                inflate=factor if drive.inflate is None else drive.inflate * factor
+            )
         if not changed:
             break
-        regression = regression.trial(drives)
+        regression = regression.with_drives(drives)
     return regression
 
 
-def _chosen_again(regression: Regression, evidence: Evidence, event: Term) -> Selection:
+def _selected_without_events(regression: Regression, evidence: Evidence, event: Term) -> Selection:
     """Return what is chosen by the rules of a verdict where no event is taken on the wheels of the one that
     went."""
     barred = frozenset(replace(event, effect=name).key for name in EVENTS)
     selection = Selector(evidence, regression.hypotheses, last=True, barred=barred).select()
-    return selection if regression.simulation else needed_exactly(regression, selection, evidence, last=True)
+    return (
+        selection
+        if regression.simulation
+        else prune_by_exact_responses(regression, selection, evidence, last=True)
+    )
 
 
 def jump_evidence(drive: DriveRegression, one: Chosen) -> float:
     """Log-likelihood ratio (nats) by the second differences of the speed: the car has that of the wheels
     less the event, or that of the wheels as it is."""
     wheels, index = drive.reader.recording.wheels, drive.reader.windows.index
-    own = drive.own(one.term.design) @ one.values
+    own = drive.own_design(one.term.design) @ one.values
     used = np.flatnonzero(own)
     event = (drive.columns.take(used)[:, wheels] @ own[used]).mean(axis=1)
     distance = drive.reader.windows.measured[:, wheels].mean(axis=1)
     together = (np.diff(index)[1:] == 1) & (np.diff(index)[:-1] == 1)
     plain, less = (np.diff(course, 2)[together] for course in (distance, distance - event))
     scale = SETTINGS.robustness.normal_median * float(np.median(np.abs(plain)))
-    return float(np.sum(_student(less, scale) - _student(plain, scale)))
+    return float(np.sum(_student_log_density(less, scale) - _student_log_density(plain, scale)))
 
 
-def _student(values: FloatArray, scale: float) -> FloatArray:
+def _student_log_density(values: FloatArray, scale: float) -> FloatArray:
     """Log-density of Student's distribution, up to a constant: its tails hold braking (Lange, Little and
     Taylor, Journal of the American Statistical Association 84, 1989)."""
     free = SETTINGS.robustness.student_freedom

@@ -33,7 +33,7 @@ def status_of(one: Chosen, selection: Selection) -> str:
     With the variance from block to block a suspicion does not pay for what was tried.
     """
     if one.admitted_by > 0.0:
-        return SUSPICION if outweighed(one, selection) else FINDING
+        return SUSPICION if is_outweighed(one, selection) else FINDING
     return SUSPICION if one.confidence >= SETTINGS.report.suspected_from else ""
 
 
@@ -42,7 +42,7 @@ def verdict_of(findings: Sequence[Finding]) -> str:
     return MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT
 
 
-def decided(
+def with_decisions(
     diagnosis: RollingDiagnosis, p_values: Sequence[PValue], above_control: Sequence[bool]
 ) -> RollingDiagnosis:
     """Return the diagnosis with the p-value of each finding, and its status by it.
@@ -65,18 +65,22 @@ def decided(
         diagnosis,
         findings=findings,
         verdict=verdict_of(findings),
-        model=without(diagnosis.model, findings),
+        model=without_suspicions(diagnosis.model, findings),
     )
 
 
-def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
+def without_suspicions(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
     """Return the model less the effects of which suspicions tell."""
     doubtful = [finding for finding in findings if finding.status != FINDING]
-    stay = [k for k, effect in enumerate(model.effects) if not any(_is_of(one, effect) for one in doubtful)]
+    stay = [
+        k
+        for k, effect in enumerate(model.effects)
+        if not any(_is_same_effect(one, effect) for one in doubtful)
+    ]
     return ExtendedModel(tuple(model.effects[k] for k in stay), tuple(model.stds[k] for k in stay))
 
 
-def _is_of(finding: Finding, effect: Effect) -> bool:
+def _is_same_effect(finding: Finding, effect: Effect) -> bool:
     """Return whether finding and effect are of one name, with the same values (of a spline term, knots)."""
     if effect.name != finding.effect:
         return False
@@ -92,7 +96,7 @@ def _is_of(finding: Finding, effect: Effect) -> bool:
     return True
 
 
-def outweighed(one: Chosen, selection: Selection) -> bool:
+def is_outweighed(one: Chosen, selection: Selection) -> bool:
     """Return whether an instrument's effect on wheel differences gains less than a spline on these wheels.
 
     No formula holds there what is stronger than it; of what the spline's form leaves, an effect over another
@@ -106,10 +110,10 @@ def outweighed(one: Chosen, selection: Selection) -> bool:
         for each in selection.chosen
         if each.term.nonparametric and each.term.on_radii and not each.term.pulse
     )
-    wheels = _wheels(one.term)
-    return any(each.heldout_gain > one.heldout_gain and wheels & _wheels(each.term) for each in shapes)
+    wheels = _wheels_of(one.term)
+    return any(each.heldout_gain > one.heldout_gain and wheels & _wheels_of(each.term) for each in shapes)
 
 
-def _wheels(term: Term) -> set[str]:
+def _wheels_of(term: Term) -> set[str]:
     """On which wheels a term acts; all where it does not say."""
     return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.pattern))

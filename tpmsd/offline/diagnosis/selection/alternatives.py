@@ -41,7 +41,7 @@ def confidence(effect: str, penalised_gain: float, alternatives: Sequence[Altern
     return 1.0 / sum(weights.values())
 
 
-def confounded(alternatives: Sequence[Alternative]) -> tuple[str, ...]:
+def confounded_effects(alternatives: Sequence[Alternative]) -> tuple[str, ...]:
     """Names of the effects that would do as well, the best first."""
     gains: dict[str, float] = {}
     for one in alternatives:
@@ -50,7 +50,7 @@ def confounded(alternatives: Sequence[Alternative]) -> tuple[str, ...]:
     return tuple(sorted(gains, key=lambda name: -gains[name]))
 
 
-def same_statement(alternative: Term, term: Term, first: float) -> bool:
+def is_same_statement(alternative: Term, term: Term, first: float) -> bool:
     """Return whether an alternative says the same as a term: it is of one effect on the same wheels, an event
     in its place, an effect that differs by sign alone, or one whose simpler limit the term is. `first` is the
     term's first value.

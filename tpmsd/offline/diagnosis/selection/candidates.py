@@ -40,7 +40,7 @@ class Candidates:
         """Calibration and these terms."""
         return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
 
-    def valued(self, terms: Sequence[Term], of: Term, more: Sequence[str] = ()) -> LeastSquaresFit:
+    def fit_for_values(self, terms: Sequence[Term], of: Term, more: Sequence[str] = ()) -> LeastSquaresFit:
         """Return the fit by which a term's values are told: beside effects of which every car has some, as
         usual; also beside `more` effects, by name.
 
@@ -77,7 +77,7 @@ class Candidates:
         """Log-likelihood of calibration and terms, less what these cost."""
         return self.gain(terms) - sum(term.penalty for term in terms)
 
-    def _first(self, terms: Sequence[Term], which: int) -> float:
+    def _first_value(self, terms: Sequence[Term], which: int) -> float:
         """Return the first value of one of the terms in the joint fit."""
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
         return float(self.evidence.fit(self.design(terms)).values[start])
@@ -86,32 +86,36 @@ class Candidates:
         """Log-likelihood of blocks held out, of calibration and these terms."""
         return float(self.evidence.heldout(self.design(terms)).sum())
 
-    def ratio(self, terms: Sequence[Term], which: int) -> float:
+    def variance_ratio(self, terms: Sequence[Term], which: int) -> float:
         """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
         fit = self.evidence.fit(self.design(terms))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
         ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
         return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.max_overdispersion))
 
-    def studentised(self, chosen: Sequence[Term], term: Term, penalised_gain: float) -> float:
+    def studentised_gain(self, chosen: Sequence[Term], term: Term, penalised_gain: float) -> float:
         """Return a penalised gain jointly with the chosen terms, its gain divided by the term's block-wise
         variance ratio.
         """
-        return (penalised_gain + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
+        return (penalised_gain + term.penalty) / self.variance_ratio(
+            [*chosen, term], len(chosen)
+        ) - term.penalty
 
     def score(self, rest: Sequence[Term], term: Term) -> float:
         """Return the penalised gain (nats) of a term beside the rest, as `candidates` has it."""
         terms = [*rest, term]
-        return self.penalised_gain(term, self.gain(terms) - self.gain(rest), self._first(terms, len(rest)))
+        return self.penalised_gain(
+            term, self.gain(terms) - self.gain(rest), self._first_value(terms, len(rest))
+        )
 
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
         """(gain less penalty, terms) of what may be added to these terms, the best first."""
         key = tuple(chosen), everything
         if key not in self._found:
-            self._found[key] = self._looked_for(chosen, everything)
+            self._found[key] = self._find_candidates(chosen, everything)
         return self._found[key]
 
-    def _looked_for(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
+    def _find_candidates(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen} | self._barred
         own, total = np.diag(gram), np.diag(self.evidence.total)[1:]
@@ -119,7 +123,7 @@ class Candidates:
         out: list[tuple[float, list[Term]]] = []
         usable = []
         for term in free:
-            rows, _ = term.acting
+            rows, _ = term.nonzero_rows
             if np.any(own[rows] < SETTINGS.selection.min_own_share * total[rows]):
                 continue
             usable.append(term)
@@ -184,7 +188,7 @@ class Candidates:
                 out.append((gain - one.penalty - other.penalty, [one, other]))
         return sorted(out, key=lambda entry: -entry[0])
 
-    def foremost(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
+    def best_candidates(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
         """Return the best candidates, and the best of each effect: a dozen shapes that are all unsure hide
         none.
         """
@@ -222,7 +226,7 @@ def handicap(shape: Term) -> float:
     return SETTINGS.selection.drift_gain_margin if drift else SETTINGS.selection.spline_gain_margin
 
 
-def resting(gain: float, kept: float) -> float:
+def dependent_fraction(gain: float, kept: float) -> float:
     """Share of a name that rests on what an alternative replaces: by what is not kept of the gain, and from a
     half on wholly."""
     return min(1.0, (1.0 - kept / gain) / SETTINGS.selection.independent_share)

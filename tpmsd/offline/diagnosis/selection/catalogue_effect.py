@@ -30,7 +30,7 @@ def tolerance_note(one: Chosen, speeds: bool) -> str:
     return one.term.kind_of.tolerance_note(float(one.values[0]), float(one.stds[0]), speeds)
 
 
-def words_of(term: Term) -> dict[str, str]:
+def text_parameters_of(term: Term) -> dict[str, str]:
     """Parameters that say where a term acts, its wheel or wheels, and by which course."""
     out = {}
     for name, parameter in parameters_of(term.effect).items():
@@ -43,7 +43,7 @@ def words_of(term: Term) -> dict[str, str]:
     return out
 
 
-def nonlinear_of(term: Term) -> dict[str, float]:
+def nonlinear_parameters_of(term: Term) -> dict[str, float]:
     """Parameters that enter nonlinearly: a grid's, an onset, a duration."""
     out = {}
     grid = term.kind_of.nonlinear.grid
@@ -66,7 +66,7 @@ def effect_of(term: Term, values: FloatArray) -> tuple[Effect, FloatArray] | Non
     if term.nonparametric or term.calibrates or not term.parameters[0]:
         return None
     known = parameters_of(term.effect)
-    given: dict[str, object] = {**words_of(term), **nonlinear_of(term)}
+    given: dict[str, object] = {**text_parameters_of(term), **nonlinear_parameters_of(term)}
     if term.ramp:
         given |= {"onset_s": term.span_s[0], "duration_s": term.span_s[1] - term.span_s[0]}
     used = np.zeros(len(values))

@@ -21,14 +21,19 @@ from tpmsd.car.physics.catalogue import FAULT, NONPARAMETRIC
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.plausible import (
-    against_ratio,
+    completion_matrix,
+    is_plausible,
+    nats_against_ratio,
     ratio_limits,
-    thinkable,
-    with_completions,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.offline.diagnosis.selection.alternatives import Alternative, confidence, confounded, same_statement
-from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
+from tpmsd.offline.diagnosis.selection.alternatives import (
+    Alternative,
+    confidence,
+    confounded_effects,
+    is_same_statement,
+)
+from tpmsd.offline.diagnosis.selection.candidates import Candidates, dependent_fraction, handicap
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.effect_sets import best_set
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -68,7 +73,9 @@ class Selector(Candidates):
             best = self._best_addition(chosen)
             if best is None:
                 break
-            exchanged = self._prune(self._named(self._exchanged_patterns(self._exchange(chosen + best))))
+            exchanged = self._prune(
+                self._with_effects_for_splines(self._exchanged_patterns(self._exchange(chosen + best)))
+            )
             # What was exchanged may then fall for its scatter, and leave less than there was.
             added = (
                 exchanged if self._margin(exchanged) >= self._margin(chosen) else self._prune(chosen + best)
@@ -80,17 +87,17 @@ class Selector(Candidates):
             if state in seen:
                 break
             seen.add(state)
-        return self.judged(chosen)
+        return self.selection_of(chosen)
 
-    def judged(self, chosen: list[Term]) -> Selection:
+    def selection_of(self, chosen: list[Term]) -> Selection:
         """Return the verdict on given terms, less those that do not predict what was held out."""
         while chosen:
             heldout = [self._heldout_gain(chosen, k) for k in range(len(chosen))]
             worst = int(np.argmin(heldout))
             if heldout[worst] >= SETTINGS.selection.heldout_nats:
                 break
-            chosen = chosen[:worst] + self._coarser(chosen, worst) + chosen[worst + 1 :]
-        judged = [self._judge(chosen, k) for k in range(len(chosen))]
+            chosen = chosen[:worst] + self._next_coarser_form(chosen, worst) + chosen[worst + 1 :]
+        judged = [self._chosen_in_presence(chosen, k) for k in range(len(chosen))]
         order = sorted(judged, key=lambda one: -one.heldout_gain)
         design = self.design(chosen)
         return Selection(
@@ -100,7 +107,7 @@ class Selector(Candidates):
             heldout=self.evidence.heldout(design),
         )
 
-    def _coarser(self, chosen: list[Term], which: int) -> list[Term]:
+    def _next_coarser_form(self, chosen: list[Term], which: int) -> list[Term]:
         """Return the finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
         term = chosen[which]
         if not term.nonparametric or term.pulse:
@@ -113,36 +120,36 @@ class Selector(Candidates):
         ]
         return sorted(coarser, key=lambda one: -one.design.shape[1])[:1]
 
-    def _threshold(self, chosen: Sequence[Term]) -> float:
+    def _admission_threshold(self, chosen: Sequence[Term]) -> float:
         base = self.gain([])
         return SETTINGS.selection.admit_nats + SETTINGS.selection.share_of_rest * max(
             self.gain(chosen) - base, 0.0
         )
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
-        threshold = self._threshold(chosen)
+        threshold = self._admission_threshold(chosen)
         best: tuple[float, list[Term]] | None = None
-        for gain, terms in [*self.foremost(chosen), *self.pairs(chosen)[:3]]:
+        for gain, terms in [*self.best_candidates(chosen), *self.pairs(chosen)[:3]]:
             studentised_gain, needed = (
-                self._studentised_gain(chosen, terms, gain, threshold),
-                self._least(chosen, terms[0]),
+                self._admission_gain(chosen, terms, gain, threshold),
+                self._least_gain_needed(chosen, terms[0]),
             )
             if studentised_gain > needed and (best is None or studentised_gain > best[0]):
                 best = (studentised_gain, terms)
         return None if best is None else best[1]
 
-    def _least(self, chosen: list[Term], term: Term) -> float:
+    def _least_gain_needed(self, chosen: list[Term], term: Term) -> float:
         """Return what a term must bring beside the chosen ones, nats: a description beside effects a share of
         what these do.
         """
-        threshold = self._threshold(chosen)
-        if self._completes(chosen, term):
+        threshold = self._admission_threshold(chosen)
+        if self._is_effect_or_completion(chosen, term):
             return threshold
         free = [one for one in chosen if one.nonparametric or one.ramp]
         effects = self.gain(chosen) - self.gain(free)
         return max(threshold, SETTINGS.selection.spline_over_effects * effects)
 
-    def _studentised_gain(
+    def _admission_gain(
         self, chosen: list[Term], terms: list[Term], penalised_gain: float, threshold: float
     ) -> float:
         """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance.
@@ -151,19 +158,19 @@ class Selector(Candidates):
         """
         now = [*chosen, *terms]
         at = range(len(chosen), len(now))
-        if not self._sane(now):
+        if not self._is_identifiable_and_plausible(now):
             return -math.inf
         # Both members of a pair must be needed, or the better one alone would have been found.
-        if len(terms) == 2 and min(self._needed(now, k) for k in at) < threshold:
+        if len(terms) == 2 and min(self._gain_beyond_penalty(now, k) for k in at) < threshold:
             return -math.inf
-        if min(self._surplus(now, k) for k in at) < 0.0:
+        if min(self._surplus_over_splines(now, k) for k in at) < 0.0:
             return -math.inf
         penalty = sum(term.penalty for term in terms)
-        ratio = max(self.ratio(now, k) for k in at)
+        ratio = max(self.variance_ratio(now, k) for k in at)
         more = SETTINGS.selection.admit_nats if len(terms) == 2 else 0.0
         return (penalised_gain + penalty) / ratio - penalty - more
 
-    def _sane(self, terms: list[Term]) -> bool:
+    def _is_identifiable_and_plausible(self, terms: list[Term]) -> bool:
         """Return whether the terms can be told apart at all, and their values are physically thinkable."""
         if {term.kind_of.confounding.limit for term in terms} & {term.effect for term in terms}:
             return False
@@ -174,16 +181,16 @@ class Selector(Candidates):
         if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < SETTINGS.selection.min_eigenvalue:
             return False
         return all(
-            thinkable(term, values, self._bounds)
-            and against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
-            for term, values, covariance in self._fitted(terms)
+            is_plausible(term, values, self._bounds)
+            and nats_against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
+            for term, values, covariance in self._limited_values(terms)
         )
 
-    def _fitted(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
+    def _limited_values(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
         """Each term with the values in the joint fit that its limits apply to, and their covariance."""
         fit = self.evidence.fit(self.design(terms))
         first = self.hypotheses.nuisance.shape[1]
-        into = with_completions(terms, self.hypotheses.car.completions)
+        into = completion_matrix(terms, self.hypotheses.car.completions)
         values, covariance = into @ fit.values[first:], into @ fit.covariance[first:, first:] @ into.T
         at = 0
         for term in terms:
@@ -191,28 +198,30 @@ class Selector(Candidates):
             yield term, values[here], covariance[here, here]
             at = here.stop
 
-    def _possible(self, terms: list[Term]) -> bool:
+    def _has_possible_ratios(self, terms: list[Term]) -> bool:
         """Return whether the ratio of an effect's two values is physically possible."""
         if all(ratio_limits(term) is None for term in terms):
             return True
         return all(
-            against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
-            for term, values, covariance in self._fitted(terms)
+            nats_against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
+            for term, values, covariance in self._limited_values(terms)
         )
 
-    def _within_limits(self, terms: list[Term], which: Term) -> bool:
+    def _has_plausible_values(self, terms: list[Term], which: Term) -> bool:
         """Return whether one of the terms has values that are thinkable on this car."""
         return all(
-            thinkable(term, values, self._bounds) for term, values, _ in self._fitted(terms) if term is which
+            is_plausible(term, values, self._bounds)
+            for term, values, _ in self._limited_values(terms)
+            if term is which
         )
 
-    def _needed(self, terms: list[Term], which: int) -> float:
+    def _gain_beyond_penalty(self, terms: list[Term], which: int) -> float:
         """Return what a term brings beyond its penalty in the presence of the others."""
         rest = terms[:which] + terms[which + 1 :]
         gain = self.gain(terms) - self.gain(rest)
-        return gain / self.ratio(terms, which) - terms[which].penalty
+        return gain / self.variance_ratio(terms, which) - terms[which].penalty
 
-    def _surplus(self, terms: list[Term], which: int) -> float:
+    def _surplus_over_splines(self, terms: list[Term], which: int) -> float:
         """Return what an effect brings more than it must beside spline terms over the covariate that it
         depends on.
 
@@ -220,10 +229,13 @@ class Selector(Candidates):
         those wheels can take its place; and on which wheels it acts is one of several answers, so the effect
         must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
         """
-        over, apart = self._over(terms, which), self._apart(terms, which)
+        over, apart = (
+            self._splines_over_its_covariate(terms, which),
+            self._splines_over_other_covariates(terms, which),
+        )
         if not over and not apart:
             return math.inf
-        free = [*terms, *self._joint_terms(terms, which)]
+        free = [*terms, *self._terms_to_distinguish(terms, which)]
         least = SETTINGS.selection.admit_nats if over else -math.inf
         for shape in [*over, *apart]:
             alone = [term for term in terms if term is not shape and term is not terms[which]]
@@ -231,12 +243,12 @@ class Selector(Candidates):
             share = (
                 SETTINGS.selection.over_other_covariate
                 if shape in apart
-                else SETTINGS.selection.over_same_covariate * self._replaced(terms[which], shape)
+                else SETTINGS.selection.over_same_covariate * self._replaceable_fraction(terms[which], shape)
             )
             least = max(least, share * brings)
-        return self._needed(free, which) - least
+        return self._gain_beyond_penalty(free, which) - least
 
-    def _over(self, terms: list[Term], which: int) -> list[Term]:
+    def _splines_over_its_covariate(self, terms: list[Term], which: int) -> list[Term]:
         """Return the spline terms among the terms over the covariate that an effect depends on."""
         effect = terms[which].kind_of
         if (
@@ -247,7 +259,7 @@ class Selector(Candidates):
             return []
         return [t for t in terms if t.nonparametric and t.covariate == effect.identification.shows_in[1]]
 
-    def _apart(self, terms: list[Term], which: int) -> list[Term]:
+    def _splines_over_other_covariates(self, terms: list[Term], which: int) -> list[Term]:
         """Return the spline terms of wheels among the terms over another covariate than that of an effect
         which, like them, shows in differences between wheels, and is not of one wheel alone.
         """
@@ -261,28 +273,32 @@ class Selector(Candidates):
         return [t for t in shapes if t.covariate != effect.identification.shows_in[1]]
 
     @staticmethod
-    def _completes(chosen: list[Term], term: Term) -> bool:
+    def _is_effect_or_completion(chosen: list[Term], term: Term) -> bool:
         """Return whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
         return not term.nonparametric or any(
             other.nonparametric and other.covariate == term.covariate != "time" for other in chosen
         )
 
-    def _joint_terms(self, terms: list[Term], which: int) -> list[Term]:
+    def _terms_to_distinguish(self, terms: list[Term], which: int) -> list[Term]:
         """Return what else an effect must be told from where spline terms act over its covariate: a shape of
         its own for each axle, unless that is the effect in other words, and the effects that it names itself.
         """
-        over = self._over(terms, which)
+        over = self._splines_over_its_covariate(terms, which)
         if not over:
             return []
         by_pattern = {t.pattern: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
         patterns = {term.pattern for term in over}
         wanted = ("all" if "all" not in patterns else "front",) if "all" in by_pattern else ("front", "rear")
         out = [by_pattern[pattern] for pattern in wanted if pattern in by_pattern and pattern not in patterns]
-        out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
+        out = [
+            shape
+            for shape in out
+            if self._replaceable_fraction(terms[which], shape) < SETTINGS.selection.same_effect
+        ]
         similar = set(terms[which].kind_of.confounding.tested_jointly_with) - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in similar]
 
-    def _replaced(self, term: Term, shape: Term) -> float:
+    def _replaceable_fraction(self, term: Term, shape: Term) -> float:
         """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
         both = (id(term.design), shape.pattern, shape.covariate)
         if both not in self._shares:
@@ -303,14 +319,14 @@ class Selector(Candidates):
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
                 now = self.penalised_gain(
-                    chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k)
+                    chosen[k], self.gain(chosen) - self.gain(rest), self._first_value(chosen, k)
                 )
                 better = [
                     terms
                     for penalised_gain, terms in self.candidates(rest)[:4]
                     if self._is_better(rest, (penalised_gain, terms[0]), (now, chosen[k]))
                 ]
-                better = [terms for terms in better if self._stays([*rest, *terms])]
+                better = [terms for terms in better if self._may_stay([*rest, *terms])]
                 if better:
                     chosen = [*rest, *better[0]]
                     improved = True
@@ -329,18 +345,24 @@ class Selector(Candidates):
         by_gain = other[0] > one[0] + SETTINGS.selection.exchange_nats
         if one[1].nonparametric == other[1].nonparametric:
             return by_gain
-        now, then = (self.studentised(rest, term, penalised_gain) for penalised_gain, term in (one, other))
+        now, then = (
+            self.studentised_gain(rest, term, penalised_gain) for penalised_gain, term in (one, other)
+        )
         by_scatter = then > now + SETTINGS.selection.exchange_nats
         return by_gain or by_scatter if one[1].nonparametric else by_gain and by_scatter
 
-    def _stays(self, terms: list[Term]) -> bool:
+    def _may_stay(self, terms: list[Term]) -> bool:
         """Return whether the last of some terms may stand beside the others and a backward step keeps it.
 
         What could not be added, or falls for its scatter from block to block, takes no other term's place.
         """
         last = len(terms) - 1
-        least = SETTINGS.selection.needed_share * self._least(terms[:last], terms[last])
-        return self._sane(terms) and self._surplus(terms, last) >= 0.0 and self._needed(terms, last) >= least
+        least = SETTINGS.selection.needed_share * self._least_gain_needed(terms[:last], terms[last])
+        return (
+            self._is_identifiable_and_plausible(terms)
+            and self._surplus_over_splines(terms, last) >= 0.0
+            and self._gain_beyond_penalty(terms, last) >= least
+        )
 
     def _exchanged_patterns(self, chosen: list[Term]) -> list[Term]:
         """Let a shape act on other wheels, if a term beside it is then not needed.
@@ -349,11 +371,14 @@ class Selector(Candidates):
         free wheels is then wrong by what looks like GNSS latency.
         """
         for shape in [term for term in chosen if term.nonparametric and not term.pulse]:
-            options = self._elsewhere(shape)
+            options = self._forms_on_other_wheels(shape)
             for other in [term for term in chosen if term is not shape]:
                 rest = [term for term in chosen if term is not shape and term is not other]
                 trials = [[*rest, *terms] for terms in options]
-                best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._margin)
+                best = max(
+                    [chosen, *(terms for terms in trials if self._is_identifiable_and_plausible(terms))],
+                    key=self._margin,
+                )
                 if (
                     best is not chosen
                     and self._margin(best) > self._margin(chosen) + SETTINGS.selection.exchange_nats
@@ -361,7 +386,7 @@ class Selector(Candidates):
                     return self._exchanged_patterns(best)
         return chosen
 
-    def _elsewhere(self, shape: Term) -> list[list[Term]]:
+    def _forms_on_other_wheels(self, shape: Term) -> list[list[Term]]:
         """Shapes over the same covariate and knots on other wheels, and pairs that act each in its way."""
         same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
         by_pattern = {term.pattern: term for term in same}
@@ -370,7 +395,7 @@ class Selector(Candidates):
             [by_pattern[a], by_pattern[b]] for a, b in SPLITS if a in by_pattern and b in by_pattern
         ]
 
-    def _named(self, chosen: list[Term]) -> list[Term]:
+    def _with_effects_for_splines(self, chosen: list[Term]) -> list[Term]:
         """Replace a shape, and effects over the same covariate, by two effects that explain more than it does
         less its handicap, or by a set of effects that every car has.
 
@@ -386,14 +411,14 @@ class Selector(Candidates):
             ):
                 for _, terms in self.pairs_over(shape.covariate, rest)[: SETTINGS.selection.pairs_tried]:
                     named = self._prune([*rest, *terms])
-                    if self._margin(named) > must and self._sane(named):
-                        return self._named(named)
-            common = self._common_set(others, shape, self._margin(chosen) - ahead)
+                    if self._margin(named) > must and self._is_identifiable_and_plausible(named):
+                        return self._with_effects_for_splines(named)
+            common = self._common_effect_set(others, shape, self._margin(chosen) - ahead)
             if common:
-                return self._named(common)
+                return self._with_effects_for_splines(common)
         return chosen
 
-    def _common_set(self, others: list[Term], shape: Term, margin: float) -> list[Term]:
+    def _common_effect_set(self, others: list[Term], shape: Term, margin: float) -> list[Term]:
         """Effects that every car has, as one model instead of a spline term and of those of them that stand
         beside it among the `others`; empty where the model with the shape is `margin` more (nats)."""
         if shape.covariate in ("time", "distance") or shape.drive is not None:
@@ -401,13 +426,14 @@ class Selector(Candidates):
         rest = [term for term in others if not term.kind_of.confounding.common]
         gram, b = self.evidence.projected(self.design(rest))
         found = max(
-            (best_set(common, gram, b) for common in self._common_sets(rest)), key=lambda one: one.log_bayes
+            (best_set(common, gram, b) for common in self._possible_common_effects(rest)),
+            key=lambda one: one.log_bayes,
         )
         named = [*rest, *found.terms]
         better = self._margin(rest) + found.log_bayes > margin + SETTINGS.selection.exchange_nats
-        return named if found.terms and better and self._sane(named) else []
+        return named if found.terms and better and self._is_identifiable_and_plausible(named) else []
 
-    def _common_sets(self, joint: list[Term]) -> list[list[Term]]:
+    def _possible_common_effects(self, joint: list[Term]) -> list[list[Term]]:
         """Return the catalogue's terms of effects that every car has, which may stand beside others; once for
         each effect of which one is the limit.
         """
@@ -428,7 +454,7 @@ class Selector(Candidates):
             ),
         ]
 
-    def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
+    def _is_independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Return whether a term brings most of its gain jointly with its alternative too: then they explain
         different things.
         """
@@ -436,9 +462,10 @@ class Selector(Candidates):
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
         while len(chosen) > 1:
-            threshold = SETTINGS.selection.needed_share * self._threshold(chosen)
+            threshold = SETTINGS.selection.needed_share * self._admission_threshold(chosen)
             surplus = [
-                min(self._needed(chosen, k) - threshold, self._surplus(chosen, k)) for k in range(len(chosen))
+                min(self._gain_beyond_penalty(chosen, k) - threshold, self._surplus_over_splines(chosen, k))
+                for k in range(len(chosen))
             ]
             worst = int(np.argmin(surplus))
             if surplus[worst] >= 0.0:
@@ -449,16 +476,16 @@ class Selector(Candidates):
     def _heldout_gain(self, terms: list[Term], which: int) -> float:
         return self.heldout(terms) - self.heldout(terms[:which] + terms[which + 1 :])
 
-    def _judge(self, chosen: list[Term], which: int) -> Chosen:
+    def _chosen_in_presence(self, chosen: list[Term], which: int) -> Chosen:
         """Return the verdict on one of the chosen terms."""
         term = chosen[which]
         rest = chosen[:which] + chosen[which + 1 :]
         fit = self.evidence.fit(self.design(chosen))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
-        jointly = [*chosen, *self._joint_terms(chosen, which)]
-        joint = self.valued(jointly, term)
-        wider = self.valued(jointly, term, term.kind_of.confounding.widened_by)
+        jointly = [*chosen, *self._terms_to_distinguish(chosen, which)]
+        joint = self.fit_for_values(jointly, term)
+        wider = self.fit_for_values(jointly, term, term.kind_of.confounding.widened_by)
         ratios = np.clip(self.evidence.sandwich(joint)[at], 1.0, SETTINGS.selection.max_overdispersion)
         gain = fit.gain - self.gain(rest)
         studentised_gain = gain / float(ratios.max()) - term.penalty
@@ -469,7 +496,7 @@ class Selector(Candidates):
             admitted_by=studentised_gain,
             heldout_gain=self._heldout_gain(chosen, which),
             confidence=confidence(term.effect, studentised_gain, alternatives),
-            confounded_with=confounded(alternatives),
+            confounded_with=confounded_effects(alternatives),
             values=joint.values[at],
             stds=np.sqrt(
                 np.diag(wider.covariance)[at] * ratios
@@ -494,12 +521,12 @@ class Selector(Candidates):
         for penalised_gain, (other, *_) in self.candidates(rest):
             raw, better = penalised_gain + other.penalty, penalised_gain - own
             weight = math.exp(min(better / doubt, 0.0))
-            if same_statement(other, term, first) or not self._replaces_term(rest, other, term, gain, raw):
+            if is_same_statement(other, term, first) or not self._replaces_term(rest, other, term, gain, raw):
                 continue
             if weight > SETTINGS.selection.alternative_weight or raw > gain - similar:
-                if not self._within_limits([*rest, other], other):
+                if not self._has_plausible_values([*rest, other], other):
                     continue
-                more = self._beyond_of(rest, other, term)
+                more = self._nonlinear_gain_difference(rest, other, term)
                 raw, better = raw + more, better + more
                 weight = math.exp(min(better / doubt, 0.0))
             one = Alternative(
@@ -507,13 +534,13 @@ class Selector(Candidates):
             )
             if not (other.nonparametric or other.effect == term.effect or other.calibrates):
                 if divided and raw < gain - similar:
-                    one = self._of_part(rest, other, term, gain, alone, better - raw, doubt, one)
+                    one = self._alternative_to_part(rest, other, term, gain, alone, better - raw, doubt, one)
                 elif raw > gain - similar:
                     one = replace(one, replaces_by=raw)
             out.append(one)
         return out
 
-    def _beyond_of(self, rest: list[Term], alternative: Term, term: Term) -> float:
+    def _nonlinear_gain_difference(self, rest: list[Term], alternative: Term, term: Term) -> float:
         """Return what the exact response of an alternative instead of a term brings more than that of the
         term, beyond what their linear responses bring, nats; nothing of a description, which is as linear as
         it is told.
@@ -527,12 +554,12 @@ class Selector(Candidates):
     ) -> bool:
         """Return whether an alternative explains what a term does, and not something else, with possible
         values."""
-        elsewhere = raw > SETTINGS.selection.independent_share * gain and self._independent(
+        elsewhere = raw > SETTINGS.selection.independent_share * gain and self._is_independent(
             [*rest, alternative], term, gain
         )
-        return not elsewhere and self._possible([*rest, alternative])
+        return not elsewhere and self._has_possible_ratios([*rest, alternative])
 
-    def _of_part(
+    def _alternative_to_part(
         self,
         rest: list[Term],
         alternative: Term,
@@ -551,7 +578,7 @@ class Selector(Candidates):
         both = float(parts.max()) + self.gain([*rest, alternative]) - self.gain(rest)
         if both <= gain - similar:
             return one
-        rests = resting(gain, float(alone[np.argmax(parts)]))
+        rests = dependent_fraction(gain, float(alone[np.argmax(parts)]))
         better = penalties + both - term.penalty / term.design.shape[1]
         whole = both if rests >= SETTINGS.selection.independent_share else 0.0
         return replace(
