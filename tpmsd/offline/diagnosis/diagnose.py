@@ -104,9 +104,8 @@ def diagnose_against(
 
 
 def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...]:
-    """Return what a drive could tell of each effect at its typical value; ConfigError where it cannot be
-    examined.
-    """
+    """Return the identifiability of each effect at its typical size on a drive; ConfigError where it cannot
+    be examined."""
     readers, notes = admitted_readers([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
@@ -124,7 +123,7 @@ def noise_of(recording: Recording) -> Noise:
 
 
 def insufficient(notes: Sequence[str]) -> RollingDiagnosis:
-    """Return the answer where there is nothing to go by."""
+    """Return the diagnosis of insufficient data; its reason is the notes."""
     return RollingDiagnosis(
         verdict=INSUFFICIENT,
         reason="; ".join(notes) if notes else "no drive",

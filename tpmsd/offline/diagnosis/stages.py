@@ -68,12 +68,12 @@ def first_noise(state: State) -> State:
 
 
 def second_noise(state: State) -> State:
-    """Return the same beside what was chosen."""
+    """Estimate each drive's noise jointly with the chosen terms."""
     return _estimated(state, SearchStage.SECOND)
 
 
 def last_noise(state: State) -> State:
-    """Return what drifts alone, once more."""
+    """Estimate the drift parameters of the noise once more."""
     return _estimated(state, SearchStage.LAST)
 
 
@@ -182,7 +182,7 @@ STAGES: tuple[Callable[[State], State], ...] = (
 
 
 def examine(regression: Regression, progress: Callable[[float], None]) -> FoundTerms:
-    """Run all stages; `progress` is told the share that is done, from 0.2 to 0.9."""
+    """Run all stages and return the findings; `progress` gets the fraction done, from 0.2 to 0.9."""
     progress(0.2)
     state = State(regression, regression.hypotheses.fullest_design)
     del regression  # its columns are not needed for longer than the first stages'
@@ -193,7 +193,7 @@ def examine(regression: Regression, progress: Callable[[float], None]) -> FoundT
 
 
 def estimated(regression: Regression, design: FloatArray, stage: SearchStage) -> Regression:
-    """With each drive's noise estimated beside a model."""
+    """Return the regression with each drive's noise estimated jointly with a design."""
     noises = {
         number: fit_noise(
             drive.reader.windows, drive.data_and_design(design), drive.noise, stage, drive.inflate
@@ -206,9 +206,11 @@ def estimated(regression: Regression, design: FloatArray, stage: SearchStage) ->
 
 
 def _estimated(state: State, stage: SearchStage) -> State:
+    """Return the state with the noise estimated jointly with its design."""
     regression = estimated(state.regression, state.design, stage)
     return replace(state, regression=regression, evidence=regression.evidence())
 
 
 def _present(state: State) -> Evidence:
+    """Return the state's evidence, computed again where a stage removed it."""
     return state.regression.evidence() if state.evidence is None else state.evidence

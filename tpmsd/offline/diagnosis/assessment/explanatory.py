@@ -24,7 +24,8 @@ SHOWN_OVER = {WHEEL_SLIP: "accel_long", SIDE_SLIP: "accel_lat"}
 
 
 def slip_gains(regression: Regression, found: Sequence[Term], evidence: Evidence) -> tuple[Explanatory, ...]:
-    """Gains in sample, over calibration alone and over what was found; none of what no drive can show."""
+    """Return, for each slip of the tyre model, its gains in sample (nats) over calibration alone and over the
+    found terms; no entry for a slip of which no drive has columns."""
     selector = Selector(evidence, regression.hypotheses)
     designs = (selector.design([]), selector.design(found))
     without = _missing_signals(regression)
@@ -39,7 +40,7 @@ def slip_gains(regression: Regression, found: Sequence[Term], evidence: Evidence
 
 
 def _slip_design(regression: Regression, name: str) -> FloatArray:
-    """(1 + p, k) the columns of a slip, common to all drives that have them."""
+    """Return the (1 + p, k) design of one slip's columns, over all drives that have them."""
     indices: dict[tuple[str, ...], int] = {}
     for drive in regression.drives:
         for at, local in zip(drive.here, drive.local, strict=True):
@@ -51,7 +52,8 @@ def _slip_design(regression: Regression, name: str) -> FloatArray:
 
 
 def _missing_signals(regression: Regression) -> tuple[str, ...]:
-    """Roles of the bus without which slips are told by the wheels and the receiver alone."""
+    """Return the roles of bus signals that are missing, so that slips follow from wheels and receiver
+    alone."""
     drives = regression.examined
     by = {drive.reader.reference.grade_by for drive in drives}
     turns = [bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any()) for drive in drives]

@@ -33,7 +33,8 @@ class EffectIdentifiability:
 
     @property
     def identifiable(self) -> bool:
-        """True if the drive tells an effect of the usual size."""
+        """True if an effect of the usual size would gain enough log-likelihood on the drive to be
+        identified."""
         return self.expected_gain >= SETTINGS.assessment.identifiable_nats
 
 
@@ -62,7 +63,8 @@ def identifiability(regression: Regression) -> tuple[EffectIdentifiability, ...]
 
 
 def _fullest_terms(catalogue: list[Term]) -> dict[str, Term]:
-    """Per effect the term of most values, at the middle of its grid and its first wheel pattern."""
+    """Return, by effect, its term with the most values, at the middle of its grid and on its first wheel
+    pattern."""
     out: dict[str, Term] = {}
     for term in catalogue:
         if term.drive is None and term.typical and not term.calibrates and not term.nonparametric:
@@ -73,7 +75,8 @@ def _fullest_terms(catalogue: list[Term]) -> dict[str, Term]:
 
 
 def prior_scale(effect: type[Effect], parameter: str) -> float:
-    """Difference from neutral that is usual: the larger of the prior's mean and its standard deviation."""
+    """Return the usual difference of a parameter from neutral: the larger of its prior's mean and standard
+    deviation."""
     for one in effect.parameters:
         if isinstance(one, Parameter) and one.name == parameter:
             if one.prior is None:
@@ -83,7 +86,8 @@ def prior_scale(effect: type[Effect], parameter: str) -> float:
 
 
 def _orthonormal_basis(term: Term, gram: FloatArray) -> FloatArray:
-    """(p, k) combinations that are orthonormal in the whitened data; fewer where some say nothing."""
+    """Return (p, k) combinations of a term's columns that are orthonormal in the whitened data; fewer than
+    its values where some have no effect on them."""
     part = term.design[1:]
     inner = part.T @ gram @ part
     values, vectors = np.linalg.eigh(inner)
@@ -92,15 +96,16 @@ def _orthonormal_basis(term: Term, gram: FloatArray) -> FloatArray:
 
 
 def _principal_cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
-    """Return the cosine of the smallest principal angle."""
+    """Return the cosine of the smallest principal angle between two orthonormal bases (p, k); 0 if one is
+    empty."""
     if not one.shape[1] or not other.shape[1]:
         return 0.0
     return float(min(np.linalg.svd(one.T @ gram @ other, compute_uv=False)[0], 1.0))
 
 
 def separating_manoeuvre(effect: str, confounded_with: tuple[str, ...]) -> str:
-    """Return the drive that would separate an effect from the first effect that it is confounded with; empty
-    where there is none."""
+    """Return a recommended manoeuvre that separates an effect from the first effect with which it is
+    confounded; empty where there is none."""
     if not confounded_with:
         return ""
     known = (

@@ -29,13 +29,14 @@ LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
 
 
 def low_speed_loss_findings(regression: Regression, seconds: float) -> list[Finding]:
-    """Return the counts that some drive's wheels lose at low speed, by the drive that tells it best."""
+    """Return the finding of counts lost at low speed, of the drive with the largest gain; empty if no drive
+    shows any."""
     found = low_speed_losses_of_drives(regression.examined)
     return [] if not found else [_low_speed_finding(max(found, key=lambda one: one.gain), seconds)]
 
 
 def low_speed_losses_of_drives(drives: Sequence[DriveRegression]) -> list[LowSpeedLosses]:
-    """Return the counts lost at low speed, of each drive that shows it."""
+    """Return the counts lost at low speed, one entry for each drive that shows them."""
     found = (
         low_speed_losses(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives
     )
@@ -43,6 +44,8 @@ def low_speed_losses_of_drives(drives: Sequence[DriveRegression]) -> list[LowSpe
 
 
 def _low_speed_finding(one: LowSpeedLosses, seconds: float) -> Finding:
+    """Return counts lost at low speed as a finding; its confidence is logistic in the gain over the
+    threshold."""
     margin = one.gain - SETTINGS.counters.lost_admit_nats
     return Finding(
         effect=LOST.name,
@@ -63,9 +66,8 @@ def _low_speed_finding(one: LowSpeedLosses, seconds: float) -> Finding:
 
 
 def missed_count_findings(regression: Regression, seconds: float) -> list[Finding]:
-    """Return the wheels that lose counts while they turn, in each drive that shows it: how many is the day's
-    own.
-    """
+    """Return a finding for each wheel and drive that loses counts while it turns; the rate is each drive's
+    own."""
     out = []
     for drive in regression.examined:
         recording = drive.reader.recording
@@ -76,6 +78,8 @@ def missed_count_findings(regression: Regression, seconds: float) -> list[Findin
 
 
 def _missed_finding(one: MissedCounts, drives: tuple[str, ...], seconds: float) -> Finding:
+    """Return lost counts of one wheel as a finding; its confidence allows for the choice among four
+    wheels."""
     return Finding(
         effect=MISSED.name,
         confidence=1.0 / (1.0 + math.exp(-min(one.gain - math.log(len(WHEELS)), 50.0))),
@@ -103,9 +107,8 @@ def _missed_finding(one: MissedCounts, drives: tuple[str, ...], seconds: float) 
 
 
 def single_count_findings(regression: Regression, fit: LeastSquaresFit, seconds: float) -> list[Finding]:
-    """Return the wheels that lose or add counts one by one beside the fitted model, in each drive that shows
-    it.
-    """
+    """Return a finding for each drive with a wheel that loses or adds counts one by one, jointly with the
+    fitted model."""
     out = []
     for drive in regression.examined:
         one = single_losses_of(drive, fit)
@@ -116,7 +119,8 @@ def single_count_findings(regression: Regression, fit: LeastSquaresFit, seconds:
 
 
 def single_losses_of(drive: DriveRegression, fit: LeastSquaresFit) -> SingleLosses | None:
-    """Return the wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
+    """Return the wheel of a drive that loses or adds counts one by one, jointly with a fit; None where none
+    does."""
     recording, car = drive.reader.recording, drive.reader.reference.car
     per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
     count_m = np.where(recording.quantum_rad > 0.0, count_length_m(car.radius_m, np.array(per_rev)), 0.0)
@@ -125,6 +129,8 @@ def single_losses_of(drive: DriveRegression, fit: LeastSquaresFit) -> SingleLoss
 
 
 def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) -> Finding:
+    """Return counts that a wheel loses (rate above zero) or adds (rate below zero) one by one as a
+    finding."""
     kind, other = (MISSED, ADDED) if one.rate_per_s > 0.0 else (ADDED, MISSED)
     gain = one.gain + one.unlike
     return Finding(

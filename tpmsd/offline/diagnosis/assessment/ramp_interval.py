@@ -82,7 +82,7 @@ class _Pairs:
 
 
 def _trial_times(regression: Regression, term: Term) -> FloatArray:
-    """Return the sorted times (m,), s, between which ramps are tried: the found ones and some to either
+    """Return the sorted times (m,), s, at which trial ramps begin and end: the found ones and some to either
     side, within the drive."""
     recording = regression.drives[regression.acting_drives(term)[0]].reader.recording
     steps = np.geomspace(*SETTINGS.assessment.ramp_reach_s, SETTINGS.assessment.ramp_nodes)
@@ -92,7 +92,7 @@ def _trial_times(regression: Regression, term: Term) -> FloatArray:
 
 
 def _trial_ramps(nodes: FloatArray, begin: float, end: float) -> _Pairs:
-    """Return all ramps and steps between two nodes, the found one first."""
+    """Return all ramps and steps between two of the trial times, the found one first."""
     count = len(nodes)
     i, j = np.triu_indices(count)
     first = int(np.searchsorted(nodes, begin)), int(np.searchsorted(nodes, end))
@@ -115,7 +115,8 @@ def _profile_likelihood(
     nodes: FloatArray,
     pairs: _Pairs,
 ) -> tuple[FloatArray, FloatArray]:
-    """(t,) gains (nats) and sizes (m) of the ramps, everything linear fitted along."""
+    """Return the (t,) gains (nats) and (t,) sizes (m) of the trial ramps, each with everything linear fitted
+    jointly."""
     term = selection.chosen[which].term
     others = [one.term.design for k, one in enumerate(selection.chosen) if k != which]
     rest = np.concatenate([regression.hypotheses.nuisance, *others], axis=1)

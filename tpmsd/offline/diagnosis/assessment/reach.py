@@ -56,15 +56,14 @@ class Reach:
 
     @property
     def share(self) -> float | None:
-        """Return the fraction of the reachable that was reached; None where nothing was found and nothing is
-        left.
-        """
+        """Return the fraction (0 to 1) of the reachable log-likelihood gain that the found model reached;
+        None where nothing was found and nothing is left."""
         found, left = max(self.found, 0.0), max(self.left, 0.0)
         return None if found == 0.0 and not self.structured else found / (found + left)
 
     @property
     def structured(self) -> bool:
-        """True if what is left is more than the scatter of the blocks explains."""
+        """True if the gain that is left exceeds what the scatter of the blocks explains."""
         return self.left > max(2.0 * self.left_std, 4.0)
 
 
@@ -87,7 +86,8 @@ class WhitenedColumns:
 
 
 def assess_reach(drives: Sequence[WhitenedColumns]) -> Reach:
-    """Compare three models on held-out blocks (every fifth, of each drive)."""
+    """Return the held-out gains of the found model over calibration, and of a flexible model over the found
+    one; every fifth block of each drive is held out in turn."""
     gains = [np.zeros((2, *one.measured.shape)) for one in drives]
     residuals = [np.zeros(one.measured.shape) for one in drives]
     folds = [Grams(one.white, one.blocks).by_fold(FOLDS) for one in drives]
@@ -124,7 +124,7 @@ def assess_reach(drives: Sequence[WhitenedColumns]) -> Reach:
 def _fitted_values(
     drives: Sequence[WhitenedColumns], trained: Sequence[FloatArray], which: str
 ) -> FloatArray:
-    """(k,) values of a design, fitted to Gram matrices (n, n) of all drives' trained blocks."""
+    """Return the (k,) values of a design, fitted to Gram matrices (n, n) of all drives' trained blocks."""
     gram: FloatArray = np.zeros(0)
     for one, whole in zip(drives, trained, strict=True):
         design = getattr(one, which)
@@ -137,16 +137,15 @@ def _fitted_values(
 
 
 def _residual_weights(one: WhitenedColumns, which: str, values: FloatArray) -> FloatArray:
-    """(n,) weights of the columns in the residual of a design with these values."""
+    """Return the (n,) weights of the columns in the residual of a design with these values."""
     weights: FloatArray = -getattr(one, which) @ values
     weights[0] += 1.0
     return weights
 
 
 def _flexible_weights(one: WhitenedColumns, found: FloatArray, gram: FloatArray) -> FloatArray:
-    """(n,) weights of what the flexible model takes out of the found model's residual, by the Gram matrix
-    (n, n) of the trained blocks.
-
+    """Return the (n,) weights by which the flexible model explains part of the found model's residual, from
+    the Gram matrix (n, n) of the trained blocks.
     Its values are shrunk by the factor under which the data are likeliest (MacKay, Neural Computation 4,
     1992); the calibration is fitted along.
     """
@@ -176,12 +175,15 @@ def _flexible_weights(one: WhitenedColumns, found: FloatArray, gram: FloatArray)
 
 
 def _channel_mask(name: str) -> np.ndarray:
+    """Return the (9,) mask of the columns that belong to a channel."""
     return np.array([channel == name for channel in CHANNEL_NAMES])
 
 
 def _channel_reach(
     name: str, measured: np.ndarray, found: FloatArray, left: FloatArray, residual: FloatArray
 ) -> ChannelReach:
+    """Return one channel's gains found and left, and the autocorrelation and Ljung-Box p-value of its
+    residual."""
     at = _channel_mask(name)
     rows, here = np.where(measured[:, at], residual[:, at], np.nan), int(measured[:, at].sum())
     rows = rows - np.nanmean(rows)

@@ -46,7 +46,7 @@ class CommonEffect:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Return what it is, wherever it acts."""
+        """Return effect, wheels, pattern and covariate: what identifies it in either drive."""
         return drive_independent_key(self.term)
 
 
@@ -83,18 +83,18 @@ class Differences(Hypotheses):
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
 
     def first_value_index(self, which: CommonEffect) -> int:
-        """Return where the values of a common effect begin in a fit."""
+        """Return the index in a fit of a common effect's first value."""
         before = self.common[: [one.key for one in self.common].index(which.key)]
         return int(self.joint.nuisance.shape[1] + sum(one.term.design.shape[1] for one in before))
 
 
 def drive_independent_key(term: Term) -> tuple[str, ...]:
-    """Return what a term is, wherever it acts."""
+    """Return effect, wheels, pattern and covariate, which identify a term in any drive."""
     return (term.effect, term.wheel, term.pattern, term.covariate)
 
 
 def floored_noise(noise: Noise, recorded: Noise) -> Noise:
-    """Return a simulation's noise, no smaller than a share of the recording's."""
+    """Return a simulation's noise, each standard deviation at least a fixed fraction of the recording's."""
     changes: dict[str, Any] = {}
     for field in fields(Noise):
         mine, theirs = getattr(noise, field.name), getattr(recorded, field.name)
@@ -113,8 +113,8 @@ def floored_noise(noise: Noise, recorded: Noise) -> Noise:
 def select_differences(
     regression: Regression, selection: Selection, evidence: Evidence
 ) -> tuple[Selection, Evidence]:
-    """Choose what differs; the regression's hypotheses are `Differences` from then on.
-
+    """Return the terms by which recording and simulation differ, and their evidence; the regression's
+    hypotheses are `Differences` from then on.
     `selection` is that of recording and simulation as two drives.
     """
     joint = regression.hypotheses
@@ -140,7 +140,8 @@ def select_differences(
 
 
 def effect_differences(regression: Regression, selection: Selection) -> list[EffectDifference]:
-    """For each difference, who holds the effect; empty where there is no simulation."""
+    """Return, for each chosen difference, which side holds the effect and with which values; empty where
+    there is no simulation."""
     hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return []
@@ -169,9 +170,8 @@ def effect_differences(regression: Regression, selection: Selection) -> list[Eff
 
 
 def recorded_terms(regression: Regression, selection: Selection) -> list[Chosen]:
-    """Return what the recording holds in all, what it has in common with the simulation included; empty where
-    there is no simulation.
-    """
+    """Return all terms that the recording holds, those in common with the simulation included; empty where
+    there is no simulation."""
     hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return []
@@ -198,7 +198,7 @@ def recorded_terms(regression: Regression, selection: Selection) -> list[Chosen]
 
 
 def simulated_effects(regression: Regression, selection: Selection) -> tuple[str, ...]:
-    """Names of the effects that the simulation holds, less those that it turned out not to hold."""
+    """Return the names of the effects that the simulation holds, less those that it turned out to lack."""
     hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return ()
@@ -212,6 +212,7 @@ def simulated_effects(regression: Regression, selection: Selection) -> tuple[str
 
 
 def _has_same_nonlinear_values(one: Term, other: Term) -> bool:
+    """Return whether two terms have the same parameters, times, nonlinear values and course."""
     return all(
         getattr(one, name) == getattr(other, name)
         for name in ("parameters", "span_s", "at", "second", "course")
@@ -221,9 +222,8 @@ def _has_same_nonlinear_values(one: Term, other: Term) -> bool:
 def _with_combined_values(
     one: Chosen, fit: LeastSquaresFit, into: FloatArray, ratio: float
 ) -> tuple[Chosen, float]:
-    """Return a term with other combinations of the fit's values, and their distance from zero in
-    deviations.
-    """
+    """Return a term whose values are combinations `into` of the fit's, and their distance from zero in
+    standard deviations."""
     covariance = into @ fit.covariance @ into.T * ratio
     values = into @ fit.values
     return replace(one, values=values, stds=np.sqrt(np.diag(covariance))), _distance_from_zero(
@@ -232,9 +232,7 @@ def _with_combined_values(
 
 
 def _distance_from_zero(values: FloatArray, covariance: FloatArray) -> float:
-    """Return how many standard deviations values are from zero, as of one value of the same probability,
-    roughly.
-    """
+    """Return the distance of values from zero in standard deviations, reduced for the number of values."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     unit = covariance / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     square = float((values / scale) @ np.linalg.solve(unit, values / scale))
@@ -242,6 +240,8 @@ def _distance_from_zero(values: FloatArray, covariance: FloatArray) -> float:
 
 
 def _is_settled(term: Term, common: Sequence[CommonEffect], silent: set[tuple[str, ...]]) -> bool:
+    """Return whether a term is common to both drives already, or one on which the simulation has no
+    information."""
     return drive_independent_key(term) in silent or any(
         one.key == drive_independent_key(term) and set(term.parameters) <= set(one.term.parameters)
         for one in common
@@ -256,7 +256,8 @@ def _move_to_common(
     common: list[CommonEffect],
     silent: set[tuple[str, ...]],
 ) -> Evidence:
-    """Make these terms part of what both hold (or note that the simulation is silent about them)."""
+    """Add terms to `common`, or to `silent` where the simulation has no information about them, and return
+    the evidence."""
     wanted = [term for term in terms if not _is_settled(term, common, silent)]
     exact = {term: _exact_columns(term) for term in wanted}
     columns: list[tuple[Refined, dict[int, FloatArray]]] = []
@@ -291,8 +292,8 @@ def _move_to_common(
 def _common_design(
     term: Term, regression: Regression, joint: JointHypotheses, columns: list[list[FloatArray]]
 ) -> FloatArray | None:
-    """Return the design of a term as what both drives hold; None where the simulation has no column of it.
-
+    """Return the design of a term that acts in both drives alike; None where the simulation has no column of
+    it.
     `columns` are its exact columns, of both drives tied and of the recording alone; the latter become a
     hypothesis.
     """
@@ -308,9 +309,8 @@ def _common_design(
 
 
 def _exact_columns(term: Term) -> tuple[Refined, ...]:
-    """Return what has an onset or a time constant of its own, as columns of both drives; none of
-    other terms.
-    """
+    """Return the columns of a term that has an onset or a time constant, at its present values; none of other
+    terms."""
     begin, end = term.span_s
     if term.ramp or term.pulse:
         return refined(term, begin, end - begin if term.ramp else end, term.course)
@@ -318,9 +318,8 @@ def _exact_columns(term: Term) -> tuple[Refined, ...]:
 
 
 def _information_ratio(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
-    """Return what the simulation tells about a design's values, over what the recording tells: the least of
-    them.
-    """
+    """Return the smallest ratio, over a design's values, of the simulation's information to the
+    recording's."""
     informations = []
     for part in evidence.parts:
         gram = part.small(np.concatenate([nuisance, design], axis=1)).sum(axis=0)[1:, 1:]
@@ -335,5 +334,5 @@ def _information_ratio(evidence: Evidence, nuisance: FloatArray, design: FloatAr
 
 
 def widened_design(design: FloatArray, width: int) -> FloatArray:
-    """(1 + width, k) a design with room for columns that were added since."""
+    """Return a design with zero rows (1 + width, k) for columns that were added since."""
     return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

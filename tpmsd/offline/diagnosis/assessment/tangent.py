@@ -64,8 +64,8 @@ def nonlinear_stds(regression: Regression, selection: Selection) -> dict[int, di
 def _stds_of_ramps(
     regression: Regression, selection: Selection, tangents: list[dict[int, FloatArray]], owners: list[int]
 ) -> dict[int, dict[str, float]]:
-    """Return, by index in the selection, standard deviations of changes of radii; each beside the tangents
-    (by drive) of the others."""
+    """Return, by index in the selection, standard deviations of changes of radii, each fitted jointly with
+    the tangents (by drive) of the others."""
     out = {}
     for k, one in enumerate(selection.chosen):
         if one.term.ramp:
@@ -78,8 +78,8 @@ def _stds_of_ramps(
 def _stds_of_curved_ramp(
     regression: Regression, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
-    """Return standard deviations of size, onset and time constant of a change that is no linear ramp.
-
+    """Return standard deviations of size, onset and time constant of a change of a radius that is no linear
+    ramp.
     On a drive that ends before the change does, size and time constant trade against each other without end:
     their joint likelihood is asked, as of a ramp.
     """
@@ -119,9 +119,8 @@ def _joint_stds(
 def _stds_of_grid_effect(
     regression: Regression, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
-    """Standard deviations of an effect's linear parameters and of the nonlinear ones; `tangents` by drive, of
-    what is beside.
-
+    """Return standard deviations of an effect's linear and nonlinear parameters, with the tangents (by drive)
+    of other terms fitted jointly.
     The farthest end of the interval in which the likelihood, all other values fitted and divided by the
     overdispersion, is within 1.92 of its maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts
     as 1.96 of them.
@@ -167,8 +166,8 @@ def _profile_likelihood(
     tangents: list[dict[int, FloatArray]],
     trials: Sequence[tuple[float, float] | tuple[float, float, str]],
 ) -> tuple[FloatArray, FloatArray]:
-    """(t,) gains and (k, t) linear values where a term's nonlinear parameters have these values, all linear
-    ones fitted."""
+    """Return (t,) gains and (k, t) linear values where a term's nonlinear parameters have the trials' values,
+    all linear ones fitted."""
     one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
     own = len(one.values)
     rest = np.concatenate([regression.hypotheses.nuisance, *(term.design for term in others)], axis=1)
@@ -220,9 +219,8 @@ def _profile_interval(
 
 
 def level_crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
-    """Return where, from a point inside outwards, the gains fall to the level; between grid points as a
-    parabola about the greatest of them does, whose root is a line.
-    """
+    """Return the fractional index at which gains fall to a level, from an index inside outwards; the square
+    root of the fall is linear between grid points."""
     outside = inside + step
     if not 0 <= outside < len(gains):
         return float(inside)
@@ -244,8 +242,8 @@ class _Tangent:
 
 
 def _tangents(drive: DriveRegression, one: Chosen) -> dict[str, _Tangent]:
-    """Slopes of a ramp's or an event's response by onset and duration.
-
+    """Return the slopes (w, 9) of a ramp's or an event's response by onset and duration; empty for other
+    terms.
     Where a car stands, a change of a radius shows later, and no slope says that its begin (at the same end)
     or its end may be anywhere in the stop: how far is asked of the likelihood.
     """

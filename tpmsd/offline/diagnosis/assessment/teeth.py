@@ -30,8 +30,8 @@ CHANNEL, COVARIATE = TEETH.identification.shows_in
 
 
 def tooth_findings(regression: Regression, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:
-    """Return the wheels whose teeth are uneven in some drive, or of the wrong number in all.
-
+    """Return findings of wheels whose teeth are uneven in some drive, or whose number of teeth is wrong in
+    all.
     Compared with a simulation: those of the recording that the simulation does not hold alike.
     """
     choice = math.log(len(regression.drives))
@@ -72,7 +72,7 @@ def ordinary_ring_note(finding: Finding, speeds: bool) -> str:
 
 
 def _without_simulated_ripple(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
-    """Return a finding less what the simulation holds of it; None if that is all."""
+    """Return a finding less the ripple that the simulation holds; None if nothing significant is left."""
     ring = simulated.get(str(finding.parameters["wheel"].value))
     if ring is None:
         return replace(finding, held_by=RECORDING)
@@ -93,7 +93,8 @@ def _without_simulated_ripple(finding: Finding, simulated: dict[str, Ripple]) ->
 
 
 def _uneven_finding(found: list[Ripple], seconds: float) -> Finding:
-    """Return one ring in the drives that show it; the phase is that of the first, for angles start again."""
+    """Return one wheel's uneven ring as a finding from the drives that show it; the phase is that of the
+    first drive."""
     weight = np.array([one.std_rad**-2 for one in found])
     gain = sum(one.gain for one in found)
     amplitude = float(np.average([one.amplitude_rad for one in found], weights=weight))
@@ -119,8 +120,7 @@ def _uneven_finding(found: list[Ripple], seconds: float) -> Finding:
 def _wrong_tooth_numbers(
     regression: Regression, calibration: LeastSquaresFit
 ) -> list[set[tuple[str, float]]]:
-    """Return, by drive, the wheels that show another number of teeth than is configured, and that number.
-
+    """Return, for each drive, the set of (wheel, number of teeth) that differ from the configured number.
     A wheel of no name stands for all four.
     """
     found: list[set[tuple[str, float]]] = []
@@ -141,7 +141,7 @@ def _wrong_tooth_numbers(
 
 
 def _tooth_number_finding(name: str, teeth: float, configured: float) -> Finding:
-    """Return a wheel, or all of them, whose ring has another number of teeth."""
+    """Return the wrong number of teeth of a wheel, or of all four, as a finding."""
     of_wheel = {} if name == ALL else {"wheel": Quantity(name, None, "")}
     (radius,) = (p for p in RADIUS.parameters if isinstance(p, Parameter))
     assert radius.prior is not None

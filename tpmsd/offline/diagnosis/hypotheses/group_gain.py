@@ -13,15 +13,15 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
-    """Log-likelihood that a group of columns brings, and the value of its first, given Gram matrix and
-    correlation.
-    """
+    """Return the log-likelihood gain (nats) of a design (p, k) and its first fitted value, from the Gram
+    matrix (p, p) and the correlation with the data (p,)."""
     rows = np.flatnonzero(np.any(design != 0.0, axis=1))
     return gain_of_rows(rows, design[rows], gram, b)
 
 
 def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
-    """Return the same of a design that has these rows (m,) alone, `part` (m, k)."""
+    """Return gain and first value as `group_gain`, of a design whose rows `rows` (m,) are `part` (m, k) and
+    else zero."""
     if part.shape == (1, 1):
         return _gain_of_scaled_column(float(part[0, 0]), float(gram[rows[0], rows[0]]), float(b[rows[0]]))
     A = part.T @ gram[rows[:, None], rows] @ part
@@ -35,9 +35,7 @@ def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatA
 
 
 def _gain_of_scaled_column(factor: float, square: float, correlation: float) -> tuple[float, float]:
-    """Return the same of a multiple of one column, as most effects are: the matrices of `gain_of_rows` are
-    numbers.
-    """
+    """Return gain and first value as `gain_of_rows` of a multiple of one column, in scalar arithmetic."""
     information, score = factor * square * factor, factor * correlation
     scale = math.sqrt(max(information, 1e-300))
     score /= scale

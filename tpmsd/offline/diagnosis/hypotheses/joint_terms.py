@@ -107,14 +107,14 @@ class JointHypotheses(Hypotheses):
 
     @property
     def fullest_design(self) -> FloatArray:
-        """Return what the base returns, each drive with values of its own: what all of them share is told by
-        these.
-        """
+        """Return the design of `Hypotheses.fullest_design` with values of each drive's own; these cover what
+        all drives share."""
         own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
         return np.concatenate([self.nuisance, *single_value_designs(own)], axis=1)
 
     def design_in_other_drive(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:
-        """(1 + p, k) one drive's own design in another's columns of the same names; None if it lacks them."""
+        """Return one drive's design (1 + p, k) in another drive's columns of the same names; None if it lacks
+        them."""
         out = np.zeros_like(design)
         for row in np.flatnonzero(np.any(design != 0.0, axis=1)):
             name = self._names[drive].get(int(row))
@@ -168,15 +168,17 @@ class JointHypotheses(Hypotheses):
         return self._own_splines[which]
 
     def _term_of_drive(self, drive: int, term: Term, width: int) -> Term:
+        """Return a term of one drive's hypotheses as a term over the common columns."""
         embedded = replace(term, design=self._embedded_design(drive, term.design, width))
         return for_drive(embedded, drive, len(self._drives))
 
     def _embedded_design(self, drive: int, design: FloatArray, width: int) -> FloatArray:
-        """(width, k) one drive's own design in the common index."""
+        """Return a drive's own design as rows (width, k) of the common index."""
         out = np.zeros((width, design.shape[1]))
         out[self._at[drive]] = design
         return out
 
 
 def _padded_design(design: FloatArray, width: int) -> FloatArray:
+    """Return a design with zero rows up to `width`."""
     return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

@@ -60,12 +60,14 @@ class DriveHypotheses(Hypotheses):
         )
 
     def _unit_design(self, names: list[Name]) -> FloatArray:
+        """Return the design (1 + p, k) with one unit column for each name."""
         out = np.zeros((len(self._column_of), len(names)))
         for k, name in enumerate(names):
             out[self._column_of[name], k] = 1.0
         return out
 
     def _catalogue_terms(self) -> list[Term]:
+        """Return a term for each group of the catalogue's parameters whose columns the drive has."""
         out = []
         for group in probe_groups():
             if any(probe.key not in self._column_of for probe in group):
@@ -110,7 +112,7 @@ class DriveHypotheses(Hypotheses):
         return out
 
     def _matching_events(self, pattern: str, slip: float, duration_s: float) -> list[str]:
-        """Events that make these wheels slip so for so long."""
+        """Return the names of events whose limits of slip and duration hold for these wheels."""
         wheels = list(wheels_of(pattern))
         driven, axle = bool(self.car.driven[wheels].all()), len(wheels) == 2
         return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven, axle)]
@@ -150,6 +152,7 @@ class DriveHypotheses(Hypotheses):
         )
 
     def _spline_terms(self) -> list[Term]:
+        """Return a spline term for each wheel pattern and covariate of which the drive has the columns."""
         number: dict[tuple[str, str], int] = {}
         for name in self._column_of:
             if name[0] == "smooth":

@@ -45,8 +45,8 @@ def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
 
 
 def limits_of(car: Car, rates: Sequence[Rates] = ()) -> CarLimits:
-    """Return all that the hypotheses know of a car, and of its counters by the `rates` of lost counts that
-    their ripple leaves possible on each drive."""
+    """Return the limits that the hypotheses know of a car, and those of its counters by the `rates` of lost
+    counts that their ripple leaves possible on each drive."""
     bounds = {**bounds_of(car), **counter_bounds(rates)}
     return CarLimits(bounds, completions_of(car), car.radius_m, car.driven)
 
@@ -65,7 +65,7 @@ def counter_bounds(rates: Sequence[Rates]) -> Bounds:
 
 
 def completion_matrix(terms: Sequence[Term], completions: Mapping[tuple[str, str], str]) -> FloatArray:
-    """(k, k) from all fitted values of the terms to the values that limits apply to."""
+    """Return the matrix (k, k) from all fitted values of the terms to the values that limits apply to."""
     names = [(which, name) for which, term in enumerate(terms) for name in term.parameters]
     out = np.eye(len(names))
     for row, (which, name) in enumerate(names):
@@ -75,7 +75,8 @@ def completion_matrix(terms: Sequence[Term], completions: Mapping[tuple[str, str
 
 
 def is_plausible(term: Term, values: FloatArray, bounds: Bounds) -> bool:
-    """Return whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
+    """Return whether each of a term's values (k,) is within bounds, and a change of a radius large enough to
+    be reported."""
     if term.on_radii and float(np.abs(values).max()) < SETTINGS.hypotheses.smallest_radius_m:
         return False
     for name, value in zip(term.parameters, values, strict=False):
@@ -87,12 +88,13 @@ def is_plausible(term: Term, values: FloatArray, bounds: Bounds) -> bool:
 
 
 def ratio_limits(term: Term) -> tuple[float, float] | None:
-    """Least and greatest ratio of a term's two values, if its effect has such limits."""
+    """Return the least and greatest ratio of a term's two values; None if its effect has no such limits."""
     return None if len(term.parameters) != 2 else term.kind_of.nonlinear.ratio_limits
 
 
 def nats_against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:
-    """Return what the data say against all ratios of a term's two values that its effect allows: nats."""
+    """Return the least log-likelihood (nats) that a term loses if the ratio of its two values is within its
+    effect's limits."""
     limits = ratio_limits(term)
     if limits is None or limits[0] * values[0] ** 2 <= values[0] * values[1] <= limits[1] * values[0] ** 2:
         return 0.0

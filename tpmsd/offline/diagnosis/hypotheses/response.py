@@ -54,11 +54,11 @@ class Columns:
 
     @property
     def arrays(self) -> list[FloatArray]:
-        """Each (w, 9)."""
+        """Return each column (w, 9)."""
         return [self.stack[k] for k in range(len(self.names))]
 
     def index(self) -> dict[tuple[str, ...], int]:
-        """Place of each name."""
+        """Return the position of each column by its name."""
         return {name: k for k, name in enumerate(self.names)}
 
 
@@ -88,7 +88,7 @@ def linear_columns(
 
 
 def available_readings(reader: Reader) -> frozenset[str]:
-    """Return which readings a drive has, by the names that effects use for what they need."""
+    """Return the names of the readings that a drive has, as effects list them in their needs."""
     known = np.isfinite(reader.windows.measured).sum(axis=0)
     by = reader.reference.grade_by
     here = {
@@ -108,7 +108,8 @@ def available_readings(reader: Reader) -> frozenset[str]:
 
 
 def calibration_columns(reader: Reader) -> Columns:
-    """Return what is always fitted: a constant per wheel that is read, and what instruments always do."""
+    """Return the columns that are always fitted: a radius for each wheel that is read, and the instruments'
+    constants."""
     out = Columns()
     for wheel in reader.recording.wheels:
         out.add((RADIUS.name, WHEELS[wheel]), _radius_response(reader, wheel))
@@ -143,8 +144,9 @@ def catalogue_columns(
 
 
 def _unit_response(reader: Reader, probe: FittedParameter, base: ExtendedModel) -> FloatArray:
-    """(w, 9) to a unit of a parameter: from neutral where the effect is not in the model, else the tangent at
-    the value that it has there (the response of a low-pass of 1 s is not a multiple of that of 0.1 s)."""
+    """Return the (w, 9) response to a unit of a parameter: from neutral where the effect is not in the model,
+    else the tangent at the value that it has there (the response of a low-pass of 1 s is not a multiple of
+    that of 0.1 s)."""
     there = next((one for one in base if one.name == probe.effect), None)
     if there is None or not probe.parameter or probe.wheel_pattern or probe.at is not None:
         return reader.change(base, probe.probing_effect()) / (probe.value - probe.neutral)
@@ -286,7 +288,8 @@ def first_hat(pattern: str) -> int:
 
 
 def response_at(reader: Reader, pattern: str) -> FloatArray:
-    """(w, 9) response to a wheel's radius (m) or to a reading (m/s, rad, rad/s)."""
+    """Return the (w, 9) response to a metre of a wheel's radius, or to a unit of a reading (m/s, rad,
+    rad/s)."""
     if pattern in WHEELS:
         return _radius_response(reader, WHEELS.index(pattern))
     out = np.zeros((len(reader.windows), CHANNELS))

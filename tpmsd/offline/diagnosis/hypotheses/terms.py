@@ -85,21 +85,22 @@ class Term:
 
     @cached_property
     def nonzero_rows(self) -> tuple[np.ndarray, FloatArray]:
-        """Numbers (m,) of the columns behind the data that it combines, and how (m, k)."""
+        """Return the positions (m,) of the columns that the design combines, the data not counted, and their
+        weights (m, k)."""
         rows = np.flatnonzero(np.any(self.design[1:] != 0.0, axis=1))
         return rows, self.design[1 + rows]
 
     def gain(self, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
-        """Log-likelihood that it brings, and its first value, as `group_gain`."""
+        """Return the log-likelihood gain (nats) of the term and its first fitted value, as `group_gain`."""
         return gain_of_rows(*self.nonzero_rows, gram, b)
 
     def total_penalty(self, first: float) -> float:
-        """Return the penalty, given the first value: rare values are penalised."""
+        """Return the penalty (nats) including that of rare values, given the term's first value."""
         return self.penalty + self.kind_of.penalty(first)
 
     @property
     def kind_of(self) -> type[Effect]:
-        """The effect itself."""
+        """Return the effect's class in the catalogue."""
         return EFFECTS[self.effect]
 
     @property
@@ -121,7 +122,7 @@ class Term:
 
     @property
     def calibrates(self) -> bool:
-        """True if this is never a finding, but what instruments always do."""
+        """True if this is a nuisance of instruments and so never a finding."""
         return self.kind_of.kind is Kind.NUISANCE
 
     @property
@@ -131,8 +132,8 @@ class Term:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Return what makes two terms alternatives in the model: an effect may act once (per wheel, per
-        pattern)."""
+        """Return what may act only once in a model: effect, wheel, pattern, covariate and drive; terms of
+        equal key are alternatives."""
         drive = "" if self.drive is None else str(self.drive)
         return (self.effect, self.wheel, self.pattern, self.covariate, drive)
 
@@ -178,9 +179,8 @@ class Hypotheses(ABC):
 
     @property
     def fullest_design(self) -> FloatArray:
-        """(1 + p, k) calibration and every effect of the catalogue that is linear and not rare: the fullest
-        model.
-
+        """Return the design (1 + p, k) of calibration and every effect of the catalogue that is linear and
+        not rare.
         What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
         Technometrics 15, 1973).
         """
@@ -236,14 +236,14 @@ class Hypotheses(ABC):
                 self.catalogue.append(term if like.drive is None else for_drive(term, like.drive, drives))
 
     def _column_design(self, column: int) -> FloatArray:
+        """Return the design (1 + p, 1) that is one column of the common index."""
         design = np.zeros((self.width, 1))
         design[column, 0] = 1.0
         return design
 
     def _pulse_term(self, effect: str, pattern: str, span_s: tuple[float, float], design: FloatArray) -> Term:
-        """Return a pulse of the radii on some wheels, or the event that looks so: its value is then
-        a slip.
-        """
+        """Return the term of a pulse of the radii on some wheels, or of an event with that response, whose
+        value is a slip."""
         penalty = SETTINGS.hypotheses.per_value_nats + math.log(
             len(PULSED) / 2 * SETTINGS.hypotheses.ramp_knots**2
         )
@@ -278,7 +278,7 @@ class Hypotheses(ABC):
 
 
 def single_value_designs(terms: Sequence[Term]) -> list[FloatArray]:
-    """Return the designs of terms of one value, at their typical nonlinear one, of effects that are not
+    """Return the designs of terms with one value, at the typical nonlinear one, of effects that are not
     rare."""
     return [
         term.design
@@ -314,5 +314,6 @@ def wheels_acted_on(pattern: str) -> tuple[str, ...]:
 
 
 def for_drive(term: Term, drive: int, drives: int) -> Term:
-    """Return a term as that of one of so many drives: the choice must be paid for."""
+    """Return a term restricted to one of several drives, with the log of their number added to its
+    penalty."""
     return replace(term, drive=drive, penalty=term.penalty + math.log(drives))

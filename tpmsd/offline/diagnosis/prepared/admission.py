@@ -23,8 +23,7 @@ from tpmsd.offline.rings.miscount import with_all_rings_corrected, with_single_r
 
 
 def admitted_readers(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
-    """Readers of the drives that can be examined, and what must be said of the others.
-
+    """Return the readers of the drives that can be examined, and notes on those left out.
     ConfigError where the configurations describe different cars.
     """
     check_same_car(recordings)
@@ -47,8 +46,8 @@ def admitted_readers(recordings: Sequence[Recording]) -> tuple[list[Reader], tup
 def readers_against_simulation(
     recording: Recording, simulation: Recording
 ) -> tuple[list[Reader], tuple[str, ...]]:
-    """Readers of a recording and of the simulation that it is compared with; none if the recording is unfit.
-
+    """Return the readers of a recording and of its simulation, and notes; no readers if the recording is
+    unfit.
     ConfigError where the simulation is unfit, or of another car or another road.
     """
     difference = car_difference(recording, simulation, teeth=False)
@@ -71,9 +70,8 @@ def readers_against_simulation(
 
 
 def corrected_reader(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
-    """Return its reader, once rings with plainly another number of teeth than configured are counted right,
-    and less an age that all counts share.
-    """
+    """Return the reader of a recording whose tooth numbers, count rhythms and common delay of counts are
+    corrected."""
     counted = without_common_age(without_rhythms(with_single_ring_corrected(recording)))
     first = reference(counted)
     right = with_all_rings_corrected(counted, first.car.radius_m)
@@ -81,8 +79,7 @@ def corrected_reader(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
 
 
 def road_mismatch(recorded: Reader, simulated: Reader) -> str:
-    """Return why a simulation is not of the recording's road; empty if nothing speaks against it.
-
+    """Return the difference between a simulation's road and the recording's as text; empty if they agree.
     Both drives' positions are counted from their own first fix.
     """
     paths = [one.windows.measured[:, [EAST, NORTH]] for one in (recorded, simulated)]
@@ -108,7 +105,8 @@ def road_mismatch(recorded: Reader, simulated: Reader) -> str:
 def limited_readers(
     readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = SETTINGS.preparation.max_drives
 ) -> tuple[list[Reader], list[str]]:
-    """At most so many drives (those with most driving) and windows (fair shares), and notes on the rest."""
+    """Return at most `drives` readers (those with most driving) of at most `windows` windows in all, and
+    notes on the rest."""
     notes = []
     most = sorted(range(len(readers)), key=lambda k: -_driving_windows(readers[k]))[:drives]
     for k, reader in enumerate(readers):
@@ -140,7 +138,7 @@ def fair_shares(wanted: Sequence[int], total: int) -> list[int]:
 
 
 def unfit_reason(recording: Recording) -> str:
-    """Return why a recording cannot be examined at all; empty if it can."""
+    """Return the reason why a recording cannot be examined; empty if it can."""
     if not {RL, RR} <= set(recording.wheels):
         return "the rear wheels are not both read"
     if recording.ticks * recording.dt_s < SETTINGS.preparation.min_driving_s:
@@ -149,7 +147,7 @@ def unfit_reason(recording: Recording) -> str:
 
 
 def unfit_windows_reason(reader: Reader) -> str:
-    """Return why too little is left to compare; empty if there is enough."""
+    """Return the reason why too few windows are left to compare; empty if there are enough."""
     windows = reader.windows
     if len(windows) < SETTINGS.preparation.min_driving_s:
         min_s = SETTINGS.preparation.min_driving_s
@@ -161,6 +159,7 @@ def unfit_windows_reason(reader: Reader) -> str:
 
 
 def _examined_note(reader: Reader) -> str:
+    """Return the note that only part of a drive's windows was examined."""
     return (
         f"{reader.recording.name}: of {_driving_windows(reader)} s of driving, {len(reader.windows)} s in"
         " stretches spread over the drive were examined"
@@ -168,5 +167,5 @@ def _examined_note(reader: Reader) -> str:
 
 
 def _driving_windows(reader: Reader) -> int:
-    """Windows of driving, the left-out ones included."""
+    """Return the number of windows of driving, the left-out ones included."""
     return len(reader.windows) + reader.left_out

@@ -186,8 +186,8 @@ class DriveRegression:
     def _move_origin(
         self, model: ExtendedModel, radii_m: FloatArray, left: FloatArray, made: Whitener
     ) -> None:
-        """Take radii (4,) and the motion that what is left (w, 9) of the channels shows by the gains `made`,
-        where a model acts."""
+        """Set the radii (4,), and move the motion by its errors smoothed from the residual `left` (w, 9),
+        with a model acting."""
         errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
         self.reader.recalibrate(radii_m, model, errors)
 
@@ -204,9 +204,8 @@ class DriveRegression:
         self._kept = []
 
     def of_replicate(self, recording: Recording, model: ExtendedModel) -> DriveRegression:
-        """Return the same columns under the same noise, of a replicate of this drive's recording that a model
-        made.
-
+        """Return the regression of a replicate of this drive's recording, made by a model, with the same
+        columns and noise.
         Its reference motion is made again from the replicate, and moved by its own smoothed errors: what it
         shares with the residual it shares here as well. All is one block: gains are not divided by an
         overdispersion.
@@ -220,7 +219,7 @@ class DriveRegression:
         return out
 
     def _calibrate_repeatedly(self, model: ExtendedModel) -> None:
-        """Calibrate radii and motion where a model acts, by Gauss-Newton until nothing is gained."""
+        """Calibrate radii and motion with a model acting, by Gauss-Newton steps until the gain is small."""
         before = math.inf
         for _ in range(SETTINGS.preparation.max_moves):
             left = self._calibrate_once(model)
@@ -229,8 +228,7 @@ class DriveRegression:
             before = left
 
     def _calibrate_once(self, model: ExtendedModel) -> float:
-        """Calibrate the radii, and move the motion by its smoothed errors; half the sum of squares (nats)
-        that was left before."""
+        """Calibrate the radii and move the motion once; return half the sum of squares (nats) left before."""
         windows = self.reader.windows
         residual = windows.measured - self.reader.predict(model)
         both = (ColumnStack(residual) + calibration_columns(self.reader).stack).whole()
@@ -245,9 +243,8 @@ class DriveRegression:
         return 0.5 * float(np.sum((white[:, 0] - white[:, 1:] @ fitted) ** 2))
 
     def with_noise(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveRegression:
-        """Return the same columns under another noise, or with other factors on the variances; this drive
-        stays what it is, also where columns are added to the other.
-        """
+        """Return the regression under another noise, or with other factors on the variances; this drive stays
+        what it is, also where columns are added to the other."""
         out = copy.copy(self)
         out._kept, out.refined = list(self._kept), list(self.refined)
         out.noise = self.noise if noise is None else noise
@@ -263,23 +260,24 @@ class DriveRegression:
         return out
 
     def append(self, columns: FloatArray) -> None:
-        """Further columns (w, 9, k) at the end."""
+        """Append further columns (w, 9, k)."""
         self.columns += ColumnStack(*np.moveaxis(columns, 2, 0))
 
     def own_design(self, design: FloatArray) -> FloatArray:
-        """(n, k) a common design in this drive's columns."""
+        """Return a design over the common columns as (n, k) over this drive's columns."""
         out = np.zeros((self.columns.shape[2], design.shape[1]))
         np.add.at(out, self.local, design[self.here])
         return out
 
     def whitened_design(self, design: FloatArray) -> FloatArray:
-        """(w, 9, k) whitened columns of a common design."""
+        """Return the whitened columns (w, 9, k) of a design over the common columns."""
         own = self.own_design(design)
         used = np.flatnonzero(np.any(own != 0.0, axis=1))
         return np.asarray(self.white[:, :, used] @ own[used])
 
     def data_and_design(self, design: FloatArray) -> FloatArray:
-        """(w, 9, 1 + j) the data and those columns of a design that act in this drive."""
+        """Return the data and those columns of a design that act in this drive, (w, 9, 1 + j), not
+        whitened."""
         own = self.own_design(design)
         acting = own[:, np.any(own != 0.0, axis=0)]
         used = np.flatnonzero(np.any(acting != 0.0, axis=1))
@@ -296,7 +294,7 @@ class DriveRegression:
         return self.present.whitener.logdet
 
     def drive_grams(self) -> DriveGrams:
-        """Gram matrices of the columns under the present noise."""
+        """Return the Gram matrices of the whitened columns under the present noise."""
         return DriveGrams(self.present.grams, self.here, self.local)
 
     def residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
@@ -310,7 +308,7 @@ class DriveRegression:
         return np.asarray(self.white[:, :, used] @ weights[used])
 
     def unwhitened_residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
-        """(w, 9) what a fit leaves of the channels, in their units."""
+        """Return the (w, 9) residual of a fit in the channels' units."""
         weights = self.own_design(design) @ values
         used = np.flatnonzero(weights)
         return np.asarray(self.columns[0] - self.columns.take(used) @ weights[used])
@@ -321,7 +319,7 @@ class DriveRegression:
 
     @property
     def present(self) -> Whitened:
-        """The columns under the present noise; what was asked for before is not done again."""
+        """Return the columns whitened by the present noise, from a cache of the noises used last."""
         found = None
         for k, one in enumerate(self._kept):
             if one.noise == self.noise and one.inflate is self.inflate:
@@ -341,5 +339,5 @@ class DriveRegression:
 
 
 def initial_noise(reader: Reader) -> Noise:
-    """Return where the estimate of the noise starts."""
+    """Return the noise with which its estimation starts."""
     return Noise.first(reader.recording.quantum_rad, reader.reference.car.radius_m)

@@ -77,21 +77,20 @@ class Regression:
         return float(sum(len(drive.reader.windows) for drive in self.examined))
 
     def with_drives(self, drives: Sequence[DriveRegression]) -> Regression:
-        """Return the same question to drives `under` other noises, or about another origin; this regression
-        stays what it is.
-        """
+        """Return the same hypotheses over other regressions of the drives; this regression stays what it
+        is."""
         out = copy.copy(self)
         out.drives = tuple(drives)
         return out
 
     def with_noise(self, noises: Mapping[int, Noise]) -> Regression:
-        """Return the same, by the numbers of the drives that have another noise."""
+        """Return the regression with other noises for some drives, by their numbers."""
         return self.with_drives(
             [drive.with_noise(noises.get(number)) for number, drive in enumerate(self.drives)]
         )
 
     def copied(self) -> Regression:
-        """Return the same, to which columns and hypotheses may be added while this regression stays what it
+        """Return a copy to which columns and hypotheses may be added while this regression stays what it
         is."""
         out = self.with_noise({})
         out.hypotheses = copy.copy(self.hypotheses)
@@ -103,17 +102,17 @@ class Regression:
         return Evidence([drive.drive_grams() for drive in self.drives], self.width)
 
     def acting_drives(self, term: Term) -> list[int]:
-        """Numbers of the drives in which a term acts."""
+        """Return the numbers of the drives in which a term acts."""
         return list(range(len(self.drives))) if term.drive is None else [term.drive]
 
     def knots(self, term: Term) -> FloatArray:
-        """Knots of a smooth term."""
+        """Return the knots (k,) of a smooth term."""
         if term.knots:
             return np.array(term.knots)
         return self.drives[self.acting_drives(term)[0]].knots[term.covariate]
 
     def append(self, columns: Sequence[tuple[Refined, Mapping[int, FloatArray]]]) -> list[int]:
-        """Further columns, each (w, 9) by drive, and what they are; their positions in the common index."""
+        """Append columns, each (w, 9) by drive number; return their positions in the common index."""
         for number, drive in enumerate(self.drives):
             mine = [(k, column[number]) for k, (_, column) in enumerate(columns) if number in column]
             drive.refined += [what for what, column in columns if number in column]
@@ -160,7 +159,7 @@ class Regression:
 def _common_knots(
     readers: Sequence[Reader], stds: Sequence[Mapping[str, float]], apart: Sequence[str]
 ) -> dict[str, FloatArray]:
-    """Knots over all drives, of the covariates that all of them have, less some."""
+    """Return knots over all drives' values of the covariates that all have, except those in `apart`."""
     names = [
         name
         for name in readers[0].windows.covariates
@@ -173,9 +172,8 @@ def _common_knots(
 
 
 def unusable_effects(reader: Reader) -> frozenset[str]:
-    """Effects of which this drive holds no trace whatever: without a gyro no gyro error, without a stop no
-    change of load.
-    """
+    """Return the effects that cannot show in this drive: readings are missing, or its motion does not excite
+    them."""
     here, motion, car = available_readings(reader), reader.reference.motion, reader.reference.car
     return frozenset(
         name

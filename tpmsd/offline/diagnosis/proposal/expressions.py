@@ -55,14 +55,14 @@ class Expression:
 
     @property
     def name(self) -> str:
-        """For files and classes: `accel_lat_times_speed`."""
+        """Return a name for files and classes, such as `accel_lat_times_speed`."""
         if len(self.covariates) == 1:
             return f"{self.covariates[0]}_{self.form}"
         return f"{self.covariates[0]}_{self.form}_{self.covariates[1]}"
 
     @property
     def formula(self) -> str:
-        """In Python, of variables that are called as the covariates are."""
+        """Return the formula as Python text; its variables are the covariates' names."""
         if self.numbers:
             return SHAPED[self.form][0].format(*self.numbers, x=self.covariates[0])
         if len(self.covariates) == 1:
@@ -71,14 +71,14 @@ class Expression:
 
     @property
     def unit(self) -> str:
-        """Return the standard deviation of its value."""
+        """Return the unit of the expression's value; `1` without one."""
         if self.form in UNITLESS:
             return "1"
         units = [COVARIATES[name] for name in self.covariates]
         return ".".join(units * 2 if self.form in ("squared", "signed_square") else units)
 
     def values(self, covariates: Mapping[str, FloatArray]) -> FloatArray:
-        """(n,) of covariates (n,) each."""
+        """Return the expression's values (n,) for covariates (n,) each."""
         known = [covariates[name] for name in self.covariates]
         if self.numbers:
             return SHAPED[self.form][1](known[0], *self.numbers)
@@ -88,7 +88,7 @@ class Expression:
 
 
 def expressions(names: Sequence[str]) -> list[Expression]:
-    """Return all of them over these covariates, the plainest first."""
+    """Return all expressions over these covariates without numbers of their own, the plainest first."""
     usable = [name for name in COVARIATES if name in names and name not in OVER_TIME]
     out = [Expression(form, (name,)) for form in SINGLE for name in usable]
     for x, y in combinations(usable, 2):
@@ -118,5 +118,5 @@ def shaped_expressions(name: str, values: FloatArray) -> list[Expression]:
 
 
 def _three_digits(value: float) -> float:
-    """Three digits: a number that stands in a formula."""
+    """Return a number rounded to three significant digits, as it stands in a formula."""
     return float(f"{value:.3g}")

@@ -36,8 +36,8 @@ class Sums:
 
 
 def proposals(regression: Regression, selection: Selection) -> tuple[Proposal, ...]:
-    """Return the best, each over other covariates than those before it; none where all has a name.
-
+    """Return the best closed forms for the unnamed spline terms, each over other covariates than those before
+    it; empty without such terms.
     Where a simulation takes the rolling model's place, a form acts in the recording alone; the simulation's
     windows hold what both have in common.
     """
@@ -60,9 +60,8 @@ def proposals(regression: Regression, selection: Selection) -> tuple[Proposal, .
 def _predictive_forms(
     regression: Regression, design: FloatArray, patterns: Sequence[str], over: Sequence[str]
 ) -> list[tuple[float, Proposal]]:
-    """Every closed form on every wheel pattern that predicts what was held out, beside a design, with its
+    """Return every closed form and wheel pattern with a positive held-out gain jointly with a design, and its
     sort key.
-
     Forms with numbers of their own are tried over the covariates of the unnamed terms.
     """
     drives = regression.drives
@@ -99,7 +98,8 @@ def proposal_sort_key(form: Expression, one: Proposal) -> float:
 
 
 def _patterns_to_try(unnamed: list[Term], regression: Regression) -> list[str]:
-    """Return the readings that are named, and all patterns of wheels if wheels are."""
+    """Return the readings of the unnamed terms, and all patterns of the wheels that are read if some terms
+    act on wheels."""
     readings = [term.pattern for term in unnamed if term.pattern in READINGS]
     if len(readings) == len(unnamed):
         return sorted(set(readings))
@@ -113,7 +113,8 @@ def _patterns_to_try(unnamed: list[Term], regression: Regression) -> list[str]:
 def _products_by_fold(
     drive: DriveRegression, design: FloatArray, pattern: str, forms: list[Expression], acts: bool
 ) -> Sums:
-    """Return the products of one drive; `acts` is False where no form acts in it."""
+    """Return one drive's products of data, design and trial columns; `acts` is False where no form acts in
+    it."""
     signs: Mapping[str, float] = dict(ANTISYMMETRIC.get(pattern, ())) or dict.fromkeys(PATTERNS[pattern], 1.0)
     response = sum((sign * response_at(drive.reader, one) for one, sign in signs.items()), start=np.zeros(()))
     covariates = drive.reader.windows.covariates
@@ -132,7 +133,8 @@ def _products_by_fold(
 
 
 def fitted_proposal(sums: Sums, which: int, form: Expression, pattern: str) -> Proposal:
-    """Fitted to all blocks, and to all but one fold in turn."""
+    """Return a form fitted to all blocks, with its gain in sample and that on each fold fitted to the
+    others."""
     folds, width = len(sums.known), sums.known.shape[1] + 1
     gram = np.zeros((folds, width, width))
     gram[:, :-1, :-1] = sums.known
@@ -161,7 +163,7 @@ def fitted_proposal(sums: Sums, which: int, form: Expression, pattern: str) -> P
 
 
 def _fit(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares of the first on the others: values (k,) and their covariance (k, k)."""
+    """Return least-squares values (k,) of the first column on the others, and their covariance (k, k)."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300))
     A = gram[1:, 1:] * np.outer(scale, scale) + SETTINGS.robustness.ridge * np.eye(len(scale))
     inverse = np.linalg.inv(A) * np.outer(scale, scale)
@@ -169,6 +171,7 @@ def _fit(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _log_likelihood(gram: FloatArray, values: FloatArray) -> float:
-    """Log-likelihood of the first with these values of the others, but for a constant."""
+    """Return the log-likelihood (nats, but for a constant) of the first column given these values of the
+    others."""
     left = np.concatenate([[1.0], -values])
     return float(-0.5 * left @ gram @ left)

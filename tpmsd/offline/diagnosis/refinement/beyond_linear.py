@@ -33,12 +33,8 @@ from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 def prune_by_exact_responses(
     regression: Regression, selection: Selection, evidence: Evidence, last: bool = False
 ) -> Selection:
-    """Return what was chosen, without terms that do not pay their penalty beside the exact response of the
-    others.
-
-    The weakest is tested first, the strongest never. `last` as of `Selector`: alternatives are then compared
-    by their exact responses, too.
-    """
+    """Return the selection without terms whose gain is below the penalty once the others act by their exact
+    responses."""
     selector = Selector(evidence, regression.hypotheses, last)
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:
         others = [other.term for other in selection.chosen if other is not one]
@@ -63,12 +59,7 @@ def prune_by_exact_responses(
 def _exchange_by_exact_responses(
     regression: Regression, selector: Selector, selection: Selection
 ) -> Selection:
-    """Return what was chosen, with effects in place of those that do as well in the linear model, where their
-    exact response is better.
-
-    A low-pass of the wheels' speeds and a fix that seems younger by as much are one to first order. What the
-    linear model decides is decided: their exact responses must differ.
-    """
+    """Return the selection with effects exchanged for linear equals whose exact responses fit better."""
     chosen = [one.term for one in selection.chosen]
     for one in selection.chosen:
         rest = [term for term in chosen if term is not one.term]
@@ -92,8 +83,8 @@ def _exchange_by_exact_responses(
 
 
 def gain_beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Term]) -> float:
-    """Log-likelihood (nats) of terms which act by the forward model, at their best, over that of their linear
-    responses at theirs."""
+    """Return the log-likelihood (nats) of terms at their best by the forward model, less that by their linear
+    responses."""
     design = selector.design(terms)
     acting = [drive.whitened_design(design) for drive in regression.drives]
     linear = selector.evidence.fit(design)
@@ -158,11 +149,11 @@ class ActingTerms:
     """(k,)"""
 
     def whitened_error(self, regression: Regression, number: int) -> FloatArray:
-        """(w, 9, 1) the linearisation error of one drive, whitened."""
+        """Return the (w, 9, 1) whitened linearisation error of the terms in one drive."""
         return regression.drives[number].whitened(self.unwhitened_error(regression, number)[:, :, None])
 
     def unwhitened_error(self, regression: Regression, number: int) -> FloatArray:
-        """(w, 9) the same in the channels' units."""
+        """Return the (w, 9) linearisation error of the terms in one drive, in the channels' units."""
         drive, at = regression.drives[number], 0
         effects: list[Effect] = []
         linear = np.zeros(regression.width)

@@ -23,8 +23,8 @@ from tpmsd.offline.inference.whitening import Whitener
 
 
 def damped_values(regression: Regression, selection: Selection) -> FloatArray | None:
-    """(k,) values of a selection's fit where a shorter step towards them is likelier; None where it is not.
-
+    """Return the (k,) values of a selection's fit after a shortened step; None where the full step is the
+    likeliest.
     The step is halved as long as the exact likelihood rises.
     """
     fit = selection.fit
@@ -65,7 +65,8 @@ class _Step:
             self._white.append(made.apply(np.concatenate([drive.columns.take([0]), acting], axis=2)))
 
     def profile_likelihood(self, values: FloatArray) -> tuple[float, FloatArray]:
-        """Log-likelihood (nats) of the effects' values, and all values (k,) of the design with them."""
+        """Return the log-likelihood (nats) of the effects' values with all others fitted, and all values (k,)
+        of the design."""
         acting, size = ActingTerms(self._effects, values), 1 + len(self._others)
         gram = np.zeros((size, size))
         for number, (made, white) in enumerate(zip(self._made, self._white, strict=True)):

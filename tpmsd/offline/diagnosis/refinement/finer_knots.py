@@ -36,8 +36,7 @@ class Shape:
     """Each wheel, or the one reading."""
 
     def add_to(self, regression: Regression, at: list[int]) -> None:
-        """Make hypotheses of it, its columns at these positions of the common index.
-
+        """Add the shape to the hypotheses, its columns at these positions of the common index.
         A shape on wheels is one for every pattern of wheels: which of them it was on the few knots need not
         be right on the finer ones.
         """
@@ -107,6 +106,7 @@ def best_knots(regression: Regression, design: FloatArray, term: Term) -> Knots:
 
 
 def _finest_knots(regression: Regression, term: Term) -> FloatArray:
+    """Return the finest knots (k,) that a term's covariate allows."""
     drives = [regression.drives[number] for number in regression.acting_drives(term)]
     values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
     return finer_knots(
@@ -124,10 +124,12 @@ def _covariate_std(regression: Regression, term: Term) -> float:
 
 
 def _first_hat(term: Term) -> int:
+    """Return the number of the first hat function that a term needs."""
     return 1 if term.pattern in ANTISYMMETRIC else first_hat(term.pattern)
 
 
 def _shape_with_knots(regression: Regression, term: Term, knots: FloatArray) -> Shape:
+    """Return a term's shape on these knots, with the columns of every wheel or of its reading."""
     acting = regression.acting_drives(term)
     read = set.intersection(*(set(regression.drives[number].reader.recording.wheels) for number in acting))
     patterns = (term.pattern,) if term.pattern in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))

@@ -45,8 +45,8 @@ class Point:
 
 
 def refine(regression: Regression, selection: Selection, evidence: Evidence, again: bool) -> bool:
-    """Give the regression exact columns for the terms that have nonlinear parameters; whether there are any.
-
+    """Give the regression exact columns for the terms with nonlinear parameters; return whether there are
+    any.
     They are hypotheses like all others from then on, beside those on the grid. With `again` those that are
     exact are refined once more.
     """
@@ -130,8 +130,8 @@ def exact_term(
     term: Term,
     alternatives: Sequence[Term] = (),
 ) -> Term:
-    """Return a ramp or pulse off its grid, and so are the alternatives that act on the same wheels and span.
-
+    """Return a ramp or pulse refined off its grid; alternatives on the same wheels and span are added
+    likewise.
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
     point, columns = _likeliest_point(regression, evidence, design, term)
@@ -142,19 +142,19 @@ def exact_term(
 
 
 def _has_same_span(one: Term, other: Term) -> bool:
+    """Return whether two terms have the same wheel pattern and times."""
     return (one.pattern, one.span_s) == (other.pattern, other.span_s)
 
 
 def _restrict_to_its_drive(regression: Regression, term: Term) -> None:
-    """Make the hypothesis added last one drive's, if the term that it refines is."""
+    """Restrict the hypothesis added last to one drive, if the term that it refines acts in one alone."""
     if term.drive is not None:
         exact = regression.hypotheses.catalogue.pop()
         regression.hypotheses.catalogue.append(for_drive(exact, term.drive, len(regression.drives)))
 
 
 def _finer_shapes(regression: Regression, evidence: Evidence, terms: list[Term]) -> list[Shape]:
-    """Finer shapes for the smooth terms that need them.
-
+    """Return finer shapes of the smooth terms, and of the best unchosen one, whose gain they improve.
     Also of the best that was not chosen: on few knots a narrow shape leaves so much in some blocks that its
     heights look unsure.
     """
@@ -173,21 +173,24 @@ def _finer_shapes(regression: Regression, evidence: Evidence, terms: list[Term])
 
 
 def _is_coarse(term: Term) -> bool:
-    """Over time knots stay as wide as the blocks that are held out: finer ones predict none of them."""
+    """Return whether a term is a spline on its covariate's usual knots, and not over time or distance, where
+    knots stay as wide as the blocks that are held out."""
     shape = term.nonparametric and not term.pulse and not term.knots
     return shape and term.covariate not in ("time", "distance")
 
 
 def _columns_at(term: Term, point: Point) -> tuple[Refined, ...]:
+    """Return the exact columns of a term at a trial point."""
     return refined(term, _onset(point) if term.ramp else point.first, point.second, point.course)
 
 
 def _onset(point: Point) -> float:
-    """Return the trials of a ramp."""
+    """Return the onset (s) of a ramp at a trial point."""
     return point.first if point.course else point.first - point.second / 2
 
 
 def _trial_points(term: Term, centre: Point, width: Point) -> list[Point]:
+    """Return the trial points about a centre: a grid of two parameters, or a line of one."""
     if term.ramp and centre.course:
         return [
             Point(centre.first + a * width.first, centre.second * width.second**b, centre.course)
@@ -245,7 +248,7 @@ def _likeliest_point(
 
 
 def _search_start(regression: Regression, term: Term) -> tuple[Point, Point]:
-    """Return where a search starts, and how far it looks at first."""
+    """Return the centre and the half-widths of the first grid of a search."""
     knots = ramp_knots(regression.drives[regression.acting_drives(term)[0]].reader)
     if term.ramp:
         step = float(np.median(np.diff(knots)))
@@ -307,7 +310,7 @@ def _search_likeliest_point(
 
 
 def _penalty_of_second(term: Term, point: Point) -> float:
-    """Return what the values of a second nonlinear parameter cost more or less than others."""
+    """Return the penalty (nats) of the value of a second nonlinear parameter; 0 without one."""
     return _second_parameter(term).penalty(point.second) if term.at is not None and point.second else 0.0
 
 

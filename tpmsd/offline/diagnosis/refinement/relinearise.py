@@ -21,7 +21,8 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def relinearised(regression: Regression, selection: Selection) -> Regression:
-    """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
+    """Return the regression with the calibrated radii and the chosen effects as the new origin of each
+    drive."""
     shorter = damped_values(regression, selection)
     fitted = selection.fit.design @ (selection.fit.values if shorter is None else shorter)
     values_of = _values_of(selection, shorter)
@@ -49,7 +50,7 @@ def relinearised(regression: Regression, selection: Selection) -> Regression:
 
 
 def _values_of(selection: Selection, shorter: FloatArray | None) -> list[FloatArray]:
-    """Values of each chosen term: as they are reported, or those of a shorter step (k,)."""
+    """Return the values (k,) of each chosen term: those of the fit, or those of a shorter step."""
     if shorter is None:
         return [one.values for one in selection.chosen]
     sizes = [len(one.values) for one in selection.chosen]

@@ -30,8 +30,8 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 def not_detectable(
     regression: Regression, selection: Selection, selector: Selector
 ) -> tuple[NotDetectable, ...]:
-    """Return what would have had to be larger than typical, the nearest to its typical value first.
-
+    """Return the effects that would have had to be larger than typical to be found, the nearest to its
+    typical value first.
     Of an effect without any trace in the drive (no such reading, no such motion) the size is None. Where a
     simulation takes the rolling model's place, sizes are those of a difference: recording less simulation.
     """
@@ -58,6 +58,7 @@ def not_detectable(
 
 
 def _has_detectable_size(effect: type[Effect]) -> bool:
+    """Return whether the smallest detectable size of an effect can be computed from its columns."""
     if effect.kind in (Kind.NONPARAMETRIC, Kind.NUISANCE, Kind.EVENT):
         return False
     # These have searches of their own, and no column tells their sizes.

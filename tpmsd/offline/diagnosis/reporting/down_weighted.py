@@ -18,7 +18,8 @@ from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 
 def down_weighted(drives: Sequence[DriveRegression]) -> DownWeighted:
-    """Shares of the data of these drives; spans are of the first one."""
+    """Return the fraction of the data that robust weights removed, in all and by channel; time spans are of
+    the first drive."""
     lost, channel_of, here = [], np.array(CHANNEL_NAMES), []
     spans: list[tuple[float, float]] = []
     for number, drive in enumerate(drives):
@@ -41,7 +42,7 @@ def down_weighted(drives: Sequence[DriveRegression]) -> DownWeighted:
 def _down_weighted_spans(
     drive: DriveRegression, gone: np.ndarray, measured: np.ndarray
 ) -> list[tuple[float, float]]:
-    """Neighbouring blocks of which much was lost, as one span."""
+    """Return the spans (s) of neighbouring blocks of which a large fraction was removed."""
     total = np.bincount(drive.blocks, gone.sum(axis=1))
     share = total / np.maximum(np.bincount(drive.blocks, measured.sum(axis=1)), 1)
     time_s = drive.reader.windows.time_s

@@ -67,7 +67,7 @@ from tpmsd.offline.inference.windows import CHANNEL_NAMES
 def report(
     regression: Regression, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()
 ) -> RollingDiagnosis:
-    """Write the answer down; `notes` are what the reader must know of what was left out."""
+    """Return the diagnosis of a selection; `notes` are what the reader must know of what was left out."""
     seconds = regression.driving_s
     rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in regression.examined)
     blocks = slice(0, sum(part.blocks for part in evidence.parts[: len(regression.examined)]))
@@ -162,7 +162,7 @@ class _ReportParts:
     def add_term(
         self, regression: Regression, selection: Selection, which: int, status: str, rms: tuple[float, float]
     ) -> None:
-        """Write a chosen term down as a finding, with the held-out residual without it and with it."""
+        """Add a chosen term as a finding, with the held-out residual without it and with it."""
         one, seconds = selection.chosen[which], regression.driving_s
         quantities = _parameter_quantities(
             _with_full_values(regression, selection, which), self.nonlinear.get(which, {})
@@ -191,7 +191,7 @@ class _ReportParts:
             self.add_to_model(regression, one, quantities)
 
     def add_to_model(self, regression: Regression, one: Chosen, quantities: dict[str, Quantity]) -> None:
-        """Write a term down for the model file."""
+        """Add a term to the effects of the model file."""
         effect, stds = (
             empirical_effect(one, regression.knots(one.term))
             if one.term.nonparametric
@@ -201,7 +201,7 @@ class _ReportParts:
         self.stds.append(stds)
 
     def add_separate_finding(self, finding: Finding) -> None:
-        """Write down what was looked for apart from the terms."""
+        """Add a finding that was searched for separately from the terms."""
         self.findings.append(finding)
         if finding.drives:  # the model is the car's
             return
@@ -234,7 +234,7 @@ def _separate_findings(
 
 
 def _drive_names(regression: Regression, terms: list[Term], term: Term) -> tuple[str, ...]:
-    """Names of the drives in which a term stands, if it does not stand in all."""
+    """Return the names of the drives in which a term acts; empty where it acts in all."""
     if regression.simulation:
         return ()
     names = [drive.reader.recording.name for drive in regression.drives]
@@ -252,7 +252,7 @@ def _may_be_common_to_drives(term: Term) -> bool:
 
 
 def _with_full_values(regression: Regression, selection: Selection, which: int) -> Chosen:
-    """Return a term whose value in one drive differs from that of the others, with its full value there."""
+    """Return a term that is one drive's difference from the others with its full values in that drive."""
     one = selection.chosen[which]
     if one.term.drive is None or regression.simulation or not _may_be_common_to_drives(one.term):
         return one
@@ -273,6 +273,7 @@ def _with_full_values(regression: Regression, selection: Selection, which: int) 
 
 
 def _rms_of_log_likelihood(score: float, rows: int) -> float:
+    """Return the root mean square of a whitened residual of `rows` values with this log-likelihood."""
     return math.sqrt(max(-2.0 * score, 0.0) / max(rows, 1))
 
 
@@ -285,6 +286,8 @@ def _with_plural_wheel_key(quantities: dict[str, Quantity]) -> dict[str, Quantit
 
 
 def _parameter_quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:
+    """Return the parameters of a chosen term with values, standard deviations and units; empty for a
+    spline."""
     term = one.term
     if term.nonparametric:
         return {}
@@ -306,7 +309,8 @@ def _parameter_quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str,
 
 
 def _bounded_effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[str, float]]:
-    """Return the effect for the model file, within its bounds."""
+    """Return the effect for the model file with its values limited to its bounds, and their standard
+    deviations."""
     values: dict[str, float | str] = {}
     stds: dict[str, float] = {}
     for name, quantity in quantities.items():
@@ -321,7 +325,8 @@ def _bounded_effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effec
 
 
 def _unexplained_structure(regression: Regression, selector: Selector, terms: list[Term]) -> Where | None:
-    """Structure that is still significant after the chosen terms."""
+    """Return the location of structure that is still significant beyond the chosen terms; None without
+    any."""
     options = [entry for entry in selector.candidates(terms) if not entry[1][0].calibrates]
     for penalised_gain, found in options[:3]:
         term = found[0]
@@ -334,7 +339,7 @@ def _unexplained_structure(regression: Regression, selector: Selector, terms: li
 
 
 def _unusual_radius_drift(regression: Regression) -> RadiusDrift | None:
-    """Radius drift beyond what tyres and roads make: something acts that no term holds."""
+    """Return the radius drift where it exceeds that of tyres and roads; None where it does not."""
     drive = max(regression.drives, key=lambda one: one.noise.radius_drift)
     if drive.noise.radius_drift < SETTINGS.report.drift_reported_from:
         return None
@@ -346,14 +351,14 @@ def _unusual_radius_drift(regression: Regression) -> RadiusDrift | None:
 
 
 def heldout_gain_of_term(selector: Selector, terms: list[Term], more: Term) -> float:
-    """Held-out gain of one more term."""
+    """Return the held-out gain (nats) of one more term."""
     evidence = selector.evidence
     with_it = evidence.heldout(selector.design([*terms, more])).sum()
     return float(with_it - evidence.heldout(selector.design(terms)).sum())
 
 
 def _gains_alone(regression: Regression, selector: Selector) -> tuple[tuple[str, float], ...]:
-    """Gain of each effect alone."""
+    """Return the gain (nats) of each effect alone over calibration, the largest first."""
     gram, b = selector.evidence.projected(selector.design([]))
     best: dict[str, float] = {}
     for term in regression.hypotheses.catalogue:

@@ -36,7 +36,8 @@ def speed_ranges(drives: Sequence[DriveRegression]) -> tuple[SpeedRange, ...]:
 
 
 def _radius_information(drive: DriveRegression, inside: np.ndarray) -> float:
-    """(1/m2) information on a radius beside the others, the median of the wheels; 0 if none is told."""
+    """Return the information (1/m2) on a radius jointly with the others, the median over wheels; 0 if it is
+    singular."""
     at = [k for k, name in enumerate(drive.names) if name[0] == RADIUS.name]
     rows: FloatArray = drive.white[inside][:, :, at].reshape(-1, len(at))
     gram = rows.T @ rows

@@ -56,7 +56,8 @@ def whole_range(regression: Regression, term: Term) -> Where:
 
 
 def covariate_values(regression: Regression, term: Term, covariate: str | None) -> FloatArray | None:
-    """(w,) the covariate in the drives in which the term acts, one after the other; None if it is unknown."""
+    """Return the (w,) covariate in the drives in which the term acts, one after the other; None if it is
+    unknown."""
     windows = [regression.drives[number].reader.windows for number in regression.acting_drives(term)]
     if covariate is None or any(covariate not in one.covariates for one in windows):
         return None
@@ -92,7 +93,8 @@ def _location_of_spline(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...
 
 
 def _channel_by_receiver(drives: Sequence[DriveRegression], channel: str, covariate: str) -> tuple[str, str]:
-    """Channel and covariate by what the receiver tells: positions where it tells no speed or course."""
+    """Return channel and covariate of a receiver's effect: positions where the receiver gives no speed or
+    course."""
     measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
     if channel == "gnss_speed" and measured[:, SPEED].sum() < SETTINGS.hypotheses.fewest_readings:
         return "gnss_position", "speed"
@@ -111,7 +113,8 @@ def _acting_wheels(term: Term, drive: DriveRegression) -> tuple[str, ...]:
 
 
 def _information_by_window(regression: Regression, drive: DriveRegression, one: Chosen) -> FloatArray:
-    """(w,) how much each window says for the term, once calibration has taken up its mean."""
+    """Return the (w,) squared whitened response of the term in each window, less what calibration
+    explains."""
     response = drive.response(one.term.design, one.values)
     flat = response.reshape(-1)
     nuisance = drive.own_design(regression.hypotheses.nuisance)
@@ -123,6 +126,7 @@ def _information_by_window(regression: Regression, drive: DriveRegression, one: 
 def _weighted_quantiles(
     values: FloatArray, weight: FloatArray, low: float, high: float
 ) -> tuple[float, float]:
+    """Return the two quantiles `low` and `high` of values under weights."""
     order = np.argsort(values)
     share = np.cumsum(weight[order]) / max(float(weight.sum()), 1e-300)
     a, b = np.interp([low, high], share, values[order])
@@ -130,9 +134,8 @@ def _weighted_quantiles(
 
 
 def _time_spans(regression: Regression, one: Chosen) -> tuple[tuple[float, float], ...]:
-    """When the mismatch stands: from a ramp's onset on; where a smooth term over time is beyond half its
-    height. Times are from the start of the drive in which the term acts.
-    """
+    """Return the spans (s) in which a term acts: from a ramp's onset on; where a smooth term over time is
+    beyond half its height. Times are from the start of the drive in which the term acts."""
     end = float(regression.drives[regression.acting_drives(one.term)[0]].reader.recording.edges_s[-1])
     if one.term.pulse:
         return ((max(one.term.span_s[0], 0.0), min(one.term.span_s[1], end)),)

@@ -72,7 +72,7 @@ def _bin_edges(values: FloatArray) -> FloatArray:
 
 
 def drive_map(regression: Regression, selection: Selection, evidence: Evidence) -> DriveMap | None:
-    """Return the map, several drives side by side; None without positions."""
+    """Return the map of mismatch along the drives, side by side; None without positions."""
     rolling = evidence.fit(regression.hypotheses.nuisance)
     parts: list[FloatArray] = []
     right = 0.0

@@ -141,7 +141,7 @@ def _statistics_of_replicates(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[list[float]]:
-    """Return, for each statistic, its largest values in replicates, drawn until all is decided."""
+    """Return, for each statistic, its largest values in replicates, drawn until every decision is settled."""
     drawn: list[list[float]] = [[] for _ in statistics]
     for number in range(replicates):
         again = _draw_replicate(regression, models, rng)
@@ -199,7 +199,7 @@ def _p_values_without_splines(
 
 
 def _chosen_index(selection: Selection, finding: Finding) -> int | None:
-    """Number of the chosen term of which a finding tells; None of one that comes from elsewhere."""
+    """Return the index of the chosen term that a finding reports; None for a finding from elsewhere."""
     for k, one in enumerate(selection.chosen):
         if one.term.effect == finding.effect and one.heldout_gain == finding.gain:
             return k
@@ -209,6 +209,7 @@ def _chosen_index(selection: Selection, finding: Finding) -> int | None:
 def _draw_replicate(
     regression: Regression, models: Sequence[ExtendedModel], rng: np.random.Generator
 ) -> Replicate:
+    """Return a replicate of all drives, simulated with their models and noises."""
     recordings = [
         replicate(drive.reader, model, drive.noise, rng)
         for drive, model in zip(regression.drives, models, strict=True)
@@ -223,7 +224,7 @@ def _draw_replicate(
 def _model_of_drive(
     regression: Regression, selection: Selection, drive: int, splines: bool = True
 ) -> ExtendedModel:
-    """Return all that was chosen, as it acts in one drive; `splines`: with the spline terms."""
+    """Return the chosen terms that act in one drive as a model; `splines`: with the spline terms."""
     effects: list[Effect] = []
     for one in selection.chosen:
         if (
@@ -251,6 +252,7 @@ def _acting_effect(one: Chosen) -> tuple[Effect, FloatArray]:
 def _statistic_of(
     regression: Regression, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
 ) -> Statistic:
+    """Return the test statistic of a finding."""
     own = finding.own_chance or 0.0
     largest = _largest_gain_by_search(selection).get(finding.found_by)
     if largest is not None:
@@ -262,9 +264,8 @@ def _statistic_of(
 
 
 def _largest_gain_by_search(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
-    """Return, by the search that found it, the largest gain of it in a replicate; 0 where it finds nothing
-    there.
-    """
+    """Return, by the name of a separate search, the function that gives its largest gain in a replicate; 0
+    where it finds nothing."""
 
     def singly(again: Replicate) -> float:
         fit = again.evidence.fit(selection.fit.design)
@@ -296,7 +297,7 @@ def _largest_gain_by_search(selection: Selection) -> dict[str, Callable[[Replica
 
 
 def _statistic_of_rest(regression: Regression, selection: Selection, evidence: Evidence) -> Statistic:
-    """Return the gain of all alternatives to adding nothing to what was chosen."""
+    """Return the largest penalised gain of any further term as a statistic."""
     terms = [one.term for one in selection.chosen]
 
     def largest(of: Evidence) -> float:

@@ -45,10 +45,9 @@ class NoiseFit:
 def add_radius_change(
     found: FoundTerms, earlier: Selection, tried: Sequence[Sequence[Term]] = ()
 ) -> FoundTerms:
-    """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
-    radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
-    with the values that it had.
-
+    """Return the findings with the change of a radius that is likelier than radius drift. Only single drives
+    are tested, and for one change: where radii drift far, what is left beside it is the road's own. A change
+    that was chosen earlier is asked for with the values that it had.
     `tried` are the sets of terms that were chosen beside another drift. Which terms a drive shows depends on
     the drift, and the drift on the terms: a slope that is missing makes the drift in which a loss of air is
     nothing unusual. So a change is also asked for together with the terms that it was chosen with.
@@ -79,7 +78,8 @@ def add_radius_change(
 def _likely_changes(
     regression: Regression, terms: Sequence[Term], drifting: NoiseFit, earlier: Selection
 ) -> list[Term]:
-    """Return the changes that were chosen earlier and are no more, and the likeliest one beside the terms."""
+    """Return the changes of radii of an earlier selection that are no longer chosen, and the likeliest new
+    change or event."""
     taken = {term.key for term in terms}
     likely = [one.term for one in earlier.chosen if one.term.ramp and one.term.key not in taken]
     term = _likeliest_change(regression, terms, drifting)
@@ -113,7 +113,7 @@ def _likeliest_set(
 def _sets_with_one_change(
     tried: Sequence[Sequence[Term]], taken: Collection[tuple[str, ...]]
 ) -> list[list[Term]]:
-    """Return the sets with one of their changes of a radius each, where it is not taken already."""
+    """Return the sets of terms, each with one of its changes of a radius that is not chosen already."""
     return [
         [one, *(term for term in terms if not term.ramp)]
         for terms in tried
@@ -131,14 +131,14 @@ class _WholeModels:
         self._fitted: dict[tuple[Term, ...], NoiseFit] = {}
 
     def likeliest_noise(self, terms: Sequence[Term]) -> NoiseFit:
-        """Return the likeliest drift beside a set, and how likely the drive is then."""
+        """Return the likeliest noise fitted jointly with a set of terms, and its log posterior."""
         key = tuple(terms)
         if key not in self._fitted:
             self._fitted[key] = _with_likeliest_noise(self._drive, self._selector.design(list(terms)))
         return self._fitted[key]
 
     def score(self, terms: Sequence[Term]) -> float:
-        """Return the log posterior less what each term must bring, nats."""
+        """Return the log posterior of a set of terms less the gain that they need (nats)."""
         return self.likeliest_noise(terms).log_likelihood - _total_needed_gain(terms)
 
 
@@ -177,13 +177,13 @@ def _stepwise_best_set(selector: Selector, start: list[Term], pool: Sequence[Ter
 
 
 def _total_needed_gain(terms: Sequence[Term]) -> float:
-    """Return what terms must bring to be chosen, nats."""
+    """Return the gain (nats) that terms need in sum to be chosen."""
     return sum(term.penalty + SETTINGS.selection.admit_nats for term in terms)
 
 
 def add_velocity_error(found: FoundTerms) -> FoundTerms:
-    """Add the constant error of the receiver's velocity that is likelier than slow noise of its speed; asked
-    of single drives."""
+    """Return the findings with the constant error of the receiver's velocity that is likelier than slow noise
+    of its speed; single drives only."""
     regression, drive = found.regression, found.regression.drives[0]
     if len(regression.drives) > 1:
         return found
@@ -231,9 +231,8 @@ def _with_likeliest_noise(
 
 
 def _likeliest_change(regression: Regression, terms: Sequence[Term], drifting: NoiseFit) -> Term | None:
-    """Return the change or event on the grid that goes with the likeliest model, over some sizes of the
-    drift.
-    """
+    """Return the change or event on the grid with the likeliest model, over some sizes of the drift; None
+    without one."""
     drive = regression.drives[0]
     best: tuple[float, Term] | None = None
     for share in SETTINGS.robustness.drift_levels:

@@ -25,8 +25,8 @@ from tpmsd.offline.inference.noise import with_usual_drift
 
 
 def add_common_shape(found: FoundTerms, before: Selection) -> FoundTerms:
-    """Add the shape over time that a group of wheels has in common.
-
+    """Return the findings with the shape over time that a group of wheels has in common, where it is
+    significant.
     Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
     wheel it may be a loss of air that was chosen `before`, and was not significant against radius drift.
     """

@@ -44,7 +44,7 @@ from tpmsd.offline.inference.windows import EAST
 
 
 def remove_terms_of_slow_noise(found: FoundTerms) -> FoundTerms:
-    """Take out the terms that slow noise explains as well."""
+    """Return the findings without the terms that slow noise explains as well."""
     regression, selection, evidence = found
     for one in selection.chosen:
         looks = one.term.kind_of.confounding.resembles
@@ -87,7 +87,8 @@ def acts_on_all_read_wheels(regression: Regression, term: Term) -> bool:
 
 
 def _with_instrument_effects(regression: Regression, selection: Selection, evidence: Evidence) -> Selection:
-    """Return what may as well be an instrument's usual making is that, and no finding."""
+    """Return the selection with the first uncertain term replaced by the instrument's effect that it is
+    tested with."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
         joint = one.term.kind_of.confounding.tested_jointly_with
@@ -102,9 +103,8 @@ def _with_instrument_effects(regression: Regression, selection: Selection, evide
 
 
 def _under_null_noise(drive: DriveRegression, design: FloatArray, common: bool) -> DriveRegression:
-    """Return a drive under the noise that fits it best with this design: the receiver's slow error, or radius
-    drift.
-    """
+    """Return a drive under the noise that fits best with this design: `common`, the receiver's slow error,
+    else radius drift."""
     windows, columns = drive.reader.windows, drive.data_and_design(design)
     if not common:
         start = replace(drive.noise, radius_drift=max(drive.noise.radius_drift, PRIORS["radius_drift"][0]))
@@ -121,7 +121,7 @@ def _under_null_noise(drive: DriveRegression, design: FloatArray, common: bool) 
 
 
 def _at_full_weight(drive: DriveRegression, design: FloatArray) -> DriveRegression:
-    """Return a drive with no position weighing less than another, under the position noise that then fits."""
+    """Return a drive with robust weights of positions set to one, and the position noise fitted again."""
     if drive.inflate is None:
         return drive
     inflate = drive.inflate.copy()
@@ -133,7 +133,8 @@ def _at_full_weight(drive: DriveRegression, design: FloatArray) -> DriveRegressi
 def gain_under_other_noise(
     regression: Regression, design: FloatArray, first: int, null: Mapping[int, DriveRegression]
 ) -> float:
-    """Log-likelihood that a design's columns from `first` on bring, with some drives under another noise."""
+    """Return the log-likelihood gain (nats) of a design's columns from `first` on, with some drives under
+    another noise."""
     k = 1 + design.shape[1]
     gram = np.zeros((k, k))
     for number, drive in enumerate(regression.drives):

@@ -33,7 +33,8 @@ READING = "yaw_rate"
 
 
 def add_gyro_drift(found: FoundTerms) -> FoundTerms:
-    """Put the shape of the gyro's bias over time instead of a constant one, for single drives."""
+    """Return the findings with the gyro's bias as a spline over time instead of a constant, where
+    significant; single drives only."""
     regression, selection = found.regression, found.selection
     drive = regression.drives[0]
     measured = bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any())

@@ -26,13 +26,14 @@ OF_TIME = ("time", "distance")
 
 
 def negative_control(regression: Regression, selection: Selection) -> float:
-    """Nats; minus infinity where no covariate varies enough to bear a shape."""
+    """Return the largest penalised gain (nats) of a spline over covariates that cannot act; minus infinity
+    without any."""
     gains = [gain for drive in regression.examined for gain in _penalised_gains(drive, selection.fit.design)]
     return max(gains, default=-np.inf)
 
 
 def _penalised_gains(drive: DriveRegression, design: FloatArray) -> list[float]:
-    """Penalised gains of one drive's spline terms, by covariate and wheel pattern."""
+    """Return the penalised gains (nats) of one drive's spline terms, by covariate and wheel pattern."""
     windows = drive.reader.windows
     model = drive.whitened_design(design).reshape(windows.measured.size, -1)
     model = model[:, np.any(model != 0.0, axis=0)]
@@ -62,7 +63,7 @@ def _penalised_gains(drive: DriveRegression, design: FloatArray) -> list[float]:
 
 
 def _gain_of_columns(X: FloatArray, y: FloatArray) -> float:
-    """Log-likelihood that columns (n, k) bring on data (n,)."""
+    """Return the log-likelihood gain (nats) of columns (n, k) on data (n,)."""
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-150)
     score = (y @ X) / size
     gram = X.T @ X / np.outer(size, size) + SETTINGS.robustness.ridge * np.eye(len(size))

@@ -42,7 +42,8 @@ def estimate_p_value(value: float, maxima: Sequence[float], own: float = 0.0) ->
 
 
 def counted_p_value(value: float, maxima: Sequence[float]) -> tuple[float, bool]:
-    """Share of the maxima that reach the value, and whether it is the bound 1 / (n + 1) because none does."""
+    """Return the fraction of the maxima that reach the value, and whether it is the bound 1 / (n + 1) because
+    none does."""
     count, exceeded = len(maxima), count_reaching(value, maxima)
     if exceeded >= SETTINGS.robustness.exceeded:
         return exceeded / count, False

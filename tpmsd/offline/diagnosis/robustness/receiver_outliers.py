@@ -36,7 +36,7 @@ from tpmsd.offline.inference.noise_fit import single_outliers
 
 
 def remove_receiver_events(found: FoundTerms) -> FoundTerms:
-    """Take out the events of all wheels that are read which a few readings of the receiver make."""
+    """Return the findings without events of all wheels that follow from a few outliers of the receiver."""
     regression, selection, evidence = found
     selector = Selector(evidence, regression.hypotheses, last=True)
     for one in selection.chosen:
@@ -58,12 +58,8 @@ def remove_receiver_events(found: FoundTerms) -> FoundTerms:
 
 
 def _outliers_down_weighted(regression: Regression, design: FloatArray, event: Term) -> Regression:
-    """Return the regression in which the readings weigh less that are outliers without an event, in the
-    drives in which it would act.
-
-    What a lighter reading leaves to its neighbours makes outliers of them: it is done again until none is
-    left.
-    """
+    """Return the regression in which readings that are outliers without an event weigh less, in the drives in
+    which it would act. Lighter readings make outliers of neighbours, so it repeats until none is left."""
     for _ in range(SETTINGS.robustness.down_weighting_rounds):
         evidence = regression.evidence()
         fit = evidence.fit(design)
@@ -82,8 +78,8 @@ def _outliers_down_weighted(regression: Regression, design: FloatArray, event: T
 
 
 def _selected_without_events(regression: Regression, evidence: Evidence, event: Term) -> Selection:
-    """Return what is chosen by the rules of a verdict where no event is taken on the wheels of the one that
-    went."""
+    """Return the selection by the rules of a verdict where no event may act on the wheels of the removed
+    one."""
     barred = frozenset(replace(event, effect=name).key for name in EVENTS)
     selection = Selector(evidence, regression.hypotheses, last=True, barred=barred).select()
     return (
@@ -94,8 +90,8 @@ def _selected_without_events(regression: Regression, evidence: Evidence, event: 
 
 
 def jump_evidence(drive: DriveRegression, one: Chosen) -> float:
-    """Log-likelihood ratio (nats) by the second differences of the speed: the car has that of the wheels
-    less the event, or that of the wheels as it is."""
+    """Return the log-likelihood ratio (nats) of an event by second differences of speed: the car has that of
+    the wheels less the event, or that of the wheels as it is."""
     wheels, index = drive.reader.recording.wheels, drive.reader.windows.index
     own = drive.own_design(one.term.design) @ one.values
     used = np.flatnonzero(own)

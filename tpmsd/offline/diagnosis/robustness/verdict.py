@@ -38,7 +38,7 @@ def status_of(one: Chosen, selection: Selection) -> str:
 
 
 def verdict_of(findings: Sequence[Finding]) -> str:
-    """Return a mismatch where any of them is a finding and no suspicion."""
+    """Return the verdict: a mismatch where any finding has the status of a finding, else consistent."""
     return MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT
 
 
@@ -46,7 +46,6 @@ def with_decisions(
     diagnosis: RollingDiagnosis, p_values: Sequence[PValue], above_control: Sequence[bool]
 ) -> RollingDiagnosis:
     """Return the diagnosis with the p-value of each finding, and its status by it.
-
     A finding stands at the false discovery rate, above the negative control; a suspicion stays one.
     """
     certain = discoveries([one.tail for one in p_values], SETTINGS.robustness.false_discovery_rate)
@@ -70,7 +69,7 @@ def with_decisions(
 
 
 def without_suspicions(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
-    """Return the model less the effects of which suspicions tell."""
+    """Return the model without the effects of findings that are suspicions."""
     doubtful = [finding for finding in findings if finding.status != FINDING]
     stay = [
         k
@@ -115,5 +114,5 @@ def is_outweighed(one: Chosen, selection: Selection) -> bool:
 
 
 def _wheels_of(term: Term) -> set[str]:
-    """On which wheels a term acts; all where it does not say."""
+    """Return the wheels on which a term acts; all where it does not say."""
     return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.pattern))

@@ -26,9 +26,8 @@ from tpmsd.offline.inference.noise_fit import NEAR_NATS, RADIUS_DRIFT, log_poste
 
 
 def fit_ramps_with_drift(regression: Regression, terms: Sequence[Term]) -> tuple[Regression, list[Term]]:
-    """Return the regression with its ramps exact under the likeliest drift, and the terms; both as they are
-    where there is no ramp, or not one drive alone.
-    """
+    """Return the regression with its ramps exact under the likeliest drift, and the terms; both unchanged
+    where there is no ramp or more than one drive."""
     if len(regression.drives) > 1 or not any(term.ramp for term in terms):
         return regression, list(terms)
     noise = regression.drives[0].noise

@@ -42,7 +42,7 @@ def confidence(effect: str, penalised_gain: float, alternatives: Sequence[Altern
 
 
 def confounded_effects(alternatives: Sequence[Alternative]) -> tuple[str, ...]:
-    """Names of the effects that would do as well, the best first."""
+    """Return the names of the effects that would do as well, the best first."""
     gains: dict[str, float] = {}
     for one in alternatives:
         if one.replaces_by is not None:

@@ -37,15 +37,12 @@ class Candidates:
         """Cached requests: the steps of a search ask for much of it again."""
 
     def design(self, terms: Sequence[Term]) -> FloatArray:
-        """Calibration and these terms."""
+        """Return the design (1 + p, k) of calibration and these terms."""
         return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
 
     def fit_for_values(self, terms: Sequence[Term], of: Term, more: Sequence[str] = ()) -> LeastSquaresFit:
-        """Return the fit by which a term's values are told: beside effects of which every car has some, as
-        usual; also beside `more` effects, by name.
-
-        The values of the terms stand where they stand in their own fit.
-        """
+        """Return the fit from which a term's values are reported: jointly with the usual effects of every
+        car, and with `more` effects, by name. The terms' values are at the indices of their own fit."""
         usual = {*of.kind_of.confounding.estimated_jointly_with, *more}
         joint = usual - {term.effect for term in terms}
         by_effect: dict[str, Term] = {}
@@ -61,20 +58,21 @@ class Candidates:
         return fit
 
     def gain(self, terms: Sequence[Term]) -> float:
-        """Log-likelihood of calibration and these terms."""
+        """Return the log-likelihood (nats) of calibration and these terms at their best values."""
         key = tuple(terms)
         if key not in self._gains:
             self._gains[key] = self.evidence.fit(self.design(terms)).gain
         return self._gains[key]
 
     def gains_of_parts(self, terms: Sequence[Term], term: Term) -> FloatArray:
-        """(k,) log-likelihood that single values of a term bring beside calibration and these terms."""
+        """Return the (k,) log-likelihood gains of single values of a term, jointly with calibration and these
+        terms."""
         columns = (term.design[:, k : k + 1] for k in range(term.design.shape[1]))
         designs = [np.concatenate([self.design(terms), column], axis=1) for column in columns]
         return np.array([self.evidence.fit(design).gain for design in designs]) - self.gain(terms)
 
     def _margin(self, terms: Sequence[Term]) -> float:
-        """Log-likelihood of calibration and terms, less what these cost."""
+        """Return the log-likelihood (nats) of calibration and terms, less the terms' penalties."""
         return self.gain(terms) - sum(term.penalty for term in terms)
 
     def _first_value(self, terms: Sequence[Term], which: int) -> float:
@@ -83,11 +81,12 @@ class Candidates:
         return float(self.evidence.fit(self.design(terms)).values[start])
 
     def heldout(self, terms: Sequence[Term]) -> float:
-        """Log-likelihood of blocks held out, of calibration and these terms."""
+        """Return the log-likelihood (nats) of calibration and these terms on held-out blocks."""
         return float(self.evidence.heldout(self.design(terms)).sum())
 
     def variance_ratio(self, terms: Sequence[Term], which: int) -> float:
-        """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
+        """Return the block-wise over the assumed variance of one of the terms' values (the largest), from 1
+        to the limit."""
         fit = self.evidence.fit(self.design(terms))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
         ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
@@ -109,13 +108,15 @@ class Candidates:
         )
 
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
-        """(gain less penalty, terms) of what may be added to these terms, the best first."""
+        """Return (penalised gain, terms) of each addition to the chosen terms, the best first."""
         key = tuple(chosen), everything
         if key not in self._found:
             self._found[key] = self._find_candidates(chosen, everything)
         return self._found[key]
 
     def _find_candidates(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
+        """Return the additions to the chosen terms with their penalised gains, the best first, without
+        cache."""
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen} | self._barred
         own, total = np.diag(gram), np.diag(self.evidence.total)[1:]
@@ -140,7 +141,7 @@ class Candidates:
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """Return what `candidates` returns for pairs of the catalogue's terms of one value each."""
+        """Return (penalised gain, terms) of pairs of the catalogue's single-value terms, the best first."""
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen}
         total = np.diag(self.evidence.total)[1:]
@@ -170,7 +171,7 @@ class Candidates:
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs_over(self, covariate: str, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """Return what `pairs` returns for effects of any number of values that show over a covariate."""
+        """Return (penalised gain, terms) of pairs of effects that show over a covariate, the best first."""
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen}
         over = [
@@ -189,9 +190,7 @@ class Candidates:
         return sorted(out, key=lambda entry: -entry[0])
 
     def best_candidates(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
-        """Return the best candidates, and the best of each effect: a dozen shapes that are all unsure hide
-        none.
-        """
+        """Return the six best candidates, and the best of each other effect above the threshold."""
         every = self.candidates(chosen)
         out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
         for penalised_gain, terms in every[6:]:
@@ -202,18 +201,15 @@ class Candidates:
 
     @staticmethod
     def penalised_gain(term: Term, gain: float, first: float) -> float:
-        """Return what a term's gain is worth against alternatives to it."""
+        """Return a term's gain less its penalty (nats), and that of a spline term less its handicap."""
         if not term.nonparametric:
             return gain - likeliest_penalty(term, gain, first)
         return (1.0 - handicap(term)) * gain - term.total_penalty(first)
 
 
 def likeliest_penalty(term: Term, gain: float, first: float) -> float:
-    """Return what an effect pays at the likeliest value: a typical value may fit nearly as well as the best
-    one.
-
-    A value nearer to zero by a share u gains u^2 of the gain less, for the log-likelihood is a parabola.
-    """
+    """Return the least sum of an effect's penalty and lost gain (nats), over values from the fitted one
+    towards zero."""
     if len(term.parameters) > 1:
         return term.total_penalty(first)
     shares = SETTINGS.selection.nearer_shares
@@ -221,12 +217,12 @@ def likeliest_penalty(term: Term, gain: float, first: float) -> float:
 
 
 def handicap(shape: Term) -> float:
-    """Share of its gain that a spline term must bring more than an effect."""
+    """Return the fraction of its gain by which a spline term must exceed an effect."""
     drift = shape.pattern == "all" and shape.covariate in ("time", "distance")
     return SETTINGS.selection.drift_gain_margin if drift else SETTINGS.selection.spline_gain_margin
 
 
 def dependent_fraction(gain: float, kept: float) -> float:
-    """Share of a name that rests on what an alternative replaces: by what is not kept of the gain, and from a
-    half on wholly."""
+    """Return the fraction (0 to 1) of an effect's confidence that depends on the part an alternative
+    replaces; `kept` of the `gain` does not."""
     return min(1.0, (1.0 - kept / gain) / SETTINGS.selection.independent_share)

@@ -23,15 +23,14 @@ def neutral_of(effect: str, parameter: str) -> float:
 
 
 def tolerance_note(one: Chosen, speeds: bool) -> str:
-    """Return what is said of a term that is an instrument's usual making; empty of one that is a finding.
-
+    """Return a note on a term within an instrument's usual tolerance; empty of one that is a finding.
     `speeds` says that the bus has wheel speeds and no counts.
     """
     return one.term.kind_of.tolerance_note(float(one.values[0]), float(one.stds[0]), speeds)
 
 
 def text_parameters_of(term: Term) -> dict[str, str]:
-    """Parameters that say where a term acts, its wheel or wheels, and by which course."""
+    """Return a term's parameters that are text: its wheel or wheels, and its course."""
     out = {}
     for name, parameter in parameters_of(term.effect).items():
         if isinstance(parameter, WheelParameter) and (term.wheel or term.pattern):
@@ -44,7 +43,7 @@ def text_parameters_of(term: Term) -> dict[str, str]:
 
 
 def nonlinear_parameters_of(term: Term) -> dict[str, float]:
-    """Parameters that enter nonlinearly: a grid's, an onset, a duration."""
+    """Return a term's parameters that enter nonlinearly: a grid's, an onset, a duration."""
     out = {}
     grid = term.kind_of.nonlinear.grid
     if grid is not None and term.at is not None:
@@ -60,9 +59,8 @@ def nonlinear_parameters_of(term: Term) -> dict[str, float]:
 
 
 def effect_of(term: Term, values: FloatArray) -> tuple[Effect, FloatArray] | None:
-    """Return the effect with values (k,) within its bounds, and the values that it has there; None of what
-    has no formula or is fitted again on every drive.
-    """
+    """Return the effect with values (k,) limited to its bounds, and the limited values; None for a term
+    without a formula or with values fitted on every drive."""
     if term.nonparametric or term.calibrates or not term.parameters[0]:
         return None
     known = parameters_of(term.effect)

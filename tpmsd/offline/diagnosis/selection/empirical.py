@@ -18,7 +18,8 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float], ...]:
-    """(covariate, height, standard deviation) at each knot; a wheel's first height is calibration's: zero."""
+    """Return (covariate, height, standard deviation) at each knot; a wheel's first height is calibration's:
+    zero."""
     if one.term.pulse:
         begin, end = one.term.span_s
         height, std = float(one.values[0]), float(one.stds[0])

@@ -66,7 +66,7 @@ class Selector(Candidates):
         self._shares: dict[tuple[int, str, str], float] = {}
 
     def select(self, most: int = SETTINGS.selection.max_terms) -> Selection:
-        """Choose, in at most so many steps."""
+        """Select terms by forward, exchange and backward steps, at most `most` of them."""
         chosen: list[Term] = []
         seen: set[frozenset[int]] = set()
         for _ in range(most):
@@ -90,7 +90,7 @@ class Selector(Candidates):
         return self.selection_of(chosen)
 
     def selection_of(self, chosen: list[Term]) -> Selection:
-        """Return the verdict on given terms, less those that do not predict what was held out."""
+        """Return the selection of given terms, less those whose held-out gain is too small."""
         while chosen:
             heldout = [self._heldout_gain(chosen, k) for k in range(len(chosen))]
             worst = int(np.argmin(heldout))
@@ -108,7 +108,7 @@ class Selector(Candidates):
         )
 
     def _next_coarser_form(self, chosen: list[Term], which: int) -> list[Term]:
-        """Return the finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
+        """Return the finest of a spline's coarser forms as a list; empty if there is none."""
         term = chosen[which]
         if not term.nonparametric or term.pulse:
             return []
@@ -121,12 +121,14 @@ class Selector(Candidates):
         return sorted(coarser, key=lambda one: -one.design.shape[1])[:1]
 
     def _admission_threshold(self, chosen: Sequence[Term]) -> float:
+        """Return the least penalised gain (nats) with which a term is added to the chosen ones."""
         base = self.gain([])
         return SETTINGS.selection.admit_nats + SETTINGS.selection.share_of_rest * max(
             self.gain(chosen) - base, 0.0
         )
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
+        """Return the best term or pair to add; None where none exceeds the threshold."""
         threshold = self._admission_threshold(chosen)
         best: tuple[float, list[Term]] | None = None
         for gain, terms in [*self.best_candidates(chosen), *self.pairs(chosen)[:3]]:
@@ -139,9 +141,8 @@ class Selector(Candidates):
         return None if best is None else best[1]
 
     def _least_gain_needed(self, chosen: list[Term], term: Term) -> float:
-        """Return what a term must bring beside the chosen ones, nats: a description beside effects a share of
-        what these do.
-        """
+        """Return the least penalised gain (nats) of a term: the threshold, and for splines a fraction of the
+        effects' gain."""
         threshold = self._admission_threshold(chosen)
         if self._is_effect_or_completion(chosen, term):
             return threshold
@@ -152,8 +153,8 @@ class Selector(Candidates):
     def _admission_gain(
         self, chosen: list[Term], terms: list[Term], penalised_gain: float, threshold: float
     ) -> float:
-        """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance.
-
+        """Return the penalised gain (nats) of one or two terms jointly with the chosen ones, by block-wise
+        variance.
         `penalised_gain` is the one without it. Minus infinity where the terms cannot stand there.
         """
         now = [*chosen, *terms]
@@ -171,7 +172,7 @@ class Selector(Candidates):
         return (penalised_gain + penalty) / ratio - penalty - more
 
     def _is_identifiable_and_plausible(self, terms: list[Term]) -> bool:
-        """Return whether the terms can be told apart at all, and their values are physically thinkable."""
+        """Return whether the terms are not collinear and their values are physically plausible."""
         if {term.kind_of.confounding.limit for term in terms} & {term.effect for term in terms}:
             return False
         design = self.design(terms)
@@ -187,7 +188,7 @@ class Selector(Candidates):
         )
 
     def _limited_values(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
-        """Each term with the values in the joint fit that its limits apply to, and their covariance."""
+        """Yield each term, the values in the joint fit that its limits apply to, and their covariance."""
         fit = self.evidence.fit(self.design(terms))
         first = self.hypotheses.nuisance.shape[1]
         into = completion_matrix(terms, self.hypotheses.car.completions)
@@ -199,7 +200,7 @@ class Selector(Candidates):
             at = here.stop
 
     def _has_possible_ratios(self, terms: list[Term]) -> bool:
-        """Return whether the ratio of an effect's two values is physically possible."""
+        """Return whether the ratios of the effects' two values are physically possible."""
         if all(ratio_limits(term) is None for term in terms):
             return True
         return all(
@@ -208,7 +209,7 @@ class Selector(Candidates):
         )
 
     def _has_plausible_values(self, terms: list[Term], which: Term) -> bool:
-        """Return whether one of the terms has values that are thinkable on this car."""
+        """Return whether one of the terms has values that are plausible on this car."""
         return all(
             is_plausible(term, values, self._bounds)
             for term, values, _ in self._limited_values(terms)
@@ -216,15 +217,14 @@ class Selector(Candidates):
         )
 
     def _gain_beyond_penalty(self, terms: list[Term], which: int) -> float:
-        """Return what a term brings beyond its penalty in the presence of the others."""
+        """Return a term's studentised gain jointly with the others, less its penalty (nats)."""
         rest = terms[:which] + terms[which + 1 :]
         gain = self.gain(terms) - self.gain(rest)
         return gain / self.variance_ratio(terms, which) - terms[which].penalty
 
     def _surplus_over_splines(self, terms: list[Term], which: int) -> float:
-        """Return what an effect brings more than it must beside spline terms over the covariate that it
-        depends on.
-
+        """Return an effect's penalised gain less the least that it needs where spline terms may replace it
+        (nats).
         A shape is one of many that would do. What its form leaves looks like an effect as far as shapes on
         those wheels can take its place; and on which wheels it acts is one of several answers, so the effect
         must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
@@ -249,7 +249,7 @@ class Selector(Candidates):
         return self._gain_beyond_penalty(free, which) - least
 
     def _splines_over_its_covariate(self, terms: list[Term], which: int) -> list[Term]:
-        """Return the spline terms among the terms over the covariate that an effect depends on."""
+        """Return the chosen spline terms over the covariate that an effect depends on."""
         effect = terms[which].kind_of
         if (
             not self.last
@@ -274,15 +274,16 @@ class Selector(Candidates):
 
     @staticmethod
     def _is_effect_or_completion(chosen: list[Term], term: Term) -> bool:
-        """Return whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
+        """Return whether a term is an effect, or a spline over the covariate of a chosen one, on other
+        wheels."""
         return not term.nonparametric or any(
             other.nonparametric and other.covariate == term.covariate != "time" for other in chosen
         )
 
     def _terms_to_distinguish(self, terms: list[Term], which: int) -> list[Term]:
-        """Return what else an effect must be told from where spline terms act over its covariate: a shape of
-        its own for each axle, unless that is the effect in other words, and the effects that it names itself.
-        """
+        """Return the terms that an effect must be distinguished from where spline terms act over its
+        covariate: a shape of its own for each axle, unless that is the effect in other words, and the effects
+        that it names itself."""
         over = self._splines_over_its_covariate(terms, which)
         if not over:
             return []
@@ -299,7 +300,7 @@ class Selector(Candidates):
         return out + [term for term in self.hypotheses.catalogue if term.effect in similar]
 
     def _replaceable_fraction(self, term: Term, shape: Term) -> float:
-        """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
+        """Return the fraction (0 to 1) of an effect's response that splines on those wheels can explain."""
         both = (id(term.design), shape.pattern, shape.covariate)
         if both not in self._shares:
             gram, _ = self.evidence.projected(self.hypotheses.nuisance)
@@ -352,8 +353,8 @@ class Selector(Candidates):
         return by_gain or by_scatter if one[1].nonparametric else by_gain and by_scatter
 
     def _may_stay(self, terms: list[Term]) -> bool:
-        """Return whether the last of some terms may stand beside the others and a backward step keeps it.
-
+        """Return whether the last of some terms may stand jointly with the others and a backward step keeps
+        it.
         What could not be added, or falls for its scatter from block to block, takes no other term's place.
         """
         last = len(terms) - 1
@@ -365,8 +366,7 @@ class Selector(Candidates):
         )
 
     def _exchanged_patterns(self, chosen: list[Term]) -> list[Term]:
-        """Let a shape act on other wheels, if a term beside it is then not needed.
-
+        """Return the terms with a spline moved to other wheels, where the gain less penalties is then larger.
         A shape of both axles' difference puts half of what one axle does on the other, and the speed of the
         free wheels is then wrong by what looks like GNSS latency.
         """
@@ -387,7 +387,8 @@ class Selector(Candidates):
         return chosen
 
     def _forms_on_other_wheels(self, shape: Term) -> list[list[Term]]:
-        """Shapes over the same covariate and knots on other wheels, and pairs that act each in its way."""
+        """Return splines of the same covariate and knots on other wheels, and pairs of them on separate
+        wheels."""
         same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
         by_pattern = {term.pattern: term for term in same}
         options = [[term] for term in same if term is not shape]
@@ -396,11 +397,8 @@ class Selector(Candidates):
         ]
 
     def _with_effects_for_splines(self, chosen: list[Term]) -> list[Term]:
-        """Replace a shape, and effects over the same covariate, by two effects that explain more than it does
-        less its handicap, or by a set of effects that every car has.
-
-        Neither alone need explain it: driven wheels slip under power, all wheels under braking.
-        """
+        """Return the terms with a spline, and effects over its covariate, replaced by two effects that gain
+        more less its handicap, or by a set of effects that every car has."""
         for shape in [term for term in chosen if term.nonparametric and not term.pulse]:
             others = [term for term in chosen if term is not shape]
             ahead = handicap(shape) * (self.gain(chosen) - self.gain(others))
@@ -419,8 +417,8 @@ class Selector(Candidates):
         return chosen
 
     def _common_effect_set(self, others: list[Term], shape: Term, margin: float) -> list[Term]:
-        """Effects that every car has, as one model instead of a spline term and of those of them that stand
-        beside it among the `others`; empty where the model with the shape is `margin` more (nats)."""
+        """Return the other terms with a set of effects that every car has in place of a spline; empty where
+        the model with the spline, `margin` (nats), is better."""
         if shape.covariate in ("time", "distance") or shape.drive is not None:
             return []
         rest = [term for term in others if not term.kind_of.confounding.common]
@@ -434,9 +432,8 @@ class Selector(Candidates):
         return named if found.terms and better and self._is_identifiable_and_plausible(named) else []
 
     def _possible_common_effects(self, joint: list[Term]) -> list[list[Term]]:
-        """Return the catalogue's terms of effects that every car has, which may stand beside others; once for
-        each effect of which one is the limit.
-        """
+        """Return the catalogue's terms of effects that every car has, in one list for each choice between an
+        effect and its limit."""
         limits = {term.kind_of.confounding.limit for term in joint}
         every = [
             term
@@ -461,6 +458,7 @@ class Selector(Candidates):
         return self.gain([*terms, term]) - self.gain(terms) > SETTINGS.selection.independent_share * gain
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
+        """Remove terms with less gain than they need, the least first, until all stay."""
         while len(chosen) > 1:
             threshold = SETTINGS.selection.needed_share * self._admission_threshold(chosen)
             surplus = [
@@ -474,10 +472,12 @@ class Selector(Candidates):
         return chosen
 
     def _heldout_gain(self, terms: list[Term], which: int) -> float:
+        """Return the held-out gain (nats) of one of the terms, jointly with the others."""
         return self.heldout(terms) - self.heldout(terms[:which] + terms[which + 1 :])
 
     def _chosen_in_presence(self, chosen: list[Term], which: int) -> Chosen:
-        """Return the verdict on one of the chosen terms."""
+        """Return one of the chosen terms with its gains, confidence, alternatives, values and standard
+        deviations."""
         term = chosen[which]
         rest = chosen[:which] + chosen[which + 1 :]
         fit = self.evidence.fit(self.design(chosen))
@@ -541,10 +541,8 @@ class Selector(Candidates):
         return out
 
     def _nonlinear_gain_difference(self, rest: list[Term], alternative: Term, term: Term) -> float:
-        """Return what the exact response of an alternative instead of a term brings more than that of the
-        term, beyond what their linear responses bring, nats; nothing of a description, which is as linear as
-        it is told.
-        """
+        """Return how much more an alternative's exact response gains beyond its linear one than the term's
+        does (nats); 0 for a spline term."""
         if alternative.nonparametric or term.nonparametric:
             return 0.0
         return self.beyond([*rest, alternative]) - self.beyond([*rest, term])
@@ -552,8 +550,7 @@ class Selector(Candidates):
     def _replaces_term(
         self, rest: list[Term], alternative: Term, term: Term, gain: float, raw: float
     ) -> bool:
-        """Return whether an alternative explains what a term does, and not something else, with possible
-        values."""
+        """Return whether an alternative explains what a term does, with possible values."""
         elsewhere = raw > SETTINGS.selection.independent_share * gain and self._is_independent(
             [*rest, alternative], term, gain
         )
@@ -570,9 +567,8 @@ class Selector(Candidates):
         doubt: float,
         one: Alternative,
     ) -> Alternative:
-        """Return the alternative of one of a term's two values: the other one may stay beside it, and the
-        name hold for that alone. `penalties` (nats) are the difference of both penalties and handicaps.
-        """
+        """Return the alternative to one of a term's two values, where the other may stay beside it and the
+        name hold for that alone. `penalties` (nats) are the difference of both penalties and handicaps."""
         similar = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         parts = self.gains_of_parts([*rest, alternative], term)
         both = float(parts.max()) + self.gain([*rest, alternative]) - self.gain(rest)
