@@ -184,6 +184,8 @@ def _exchanged(own: Search, k: int, competitor: CandidateTerm) -> Search | None:
     if not out.attempt(terms):
         return None
     out.settle()
+    if out.admit():
+        out.settle()
     while _freed(out, competitor):
         out.settle()
     return out

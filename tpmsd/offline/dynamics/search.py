@@ -334,11 +334,12 @@ class Search:
             added,
         )
 
-    def admit(self) -> None:
-        """Add every nuisance whose evidence is positive: odds of one ask nothing of what every car has."""
+    def admit(self) -> bool:
+        """Add every nuisance whose evidence is positive, True if any: odds of one ask nothing of what every
+        car has."""
         offered = [term for term in self._candidates() if term.nuisance]
-        for term, _ in self.ranked(offered, 0.0):
-            self.attempt([*self.terms, term])
+        taken = [self.attempt([*self.terms, term]) for term, _ in self.ranked(offered, 0.0)]
+        return any(taken)
 
     def forward(self, threshold: float) -> bool:
         """Add the term with the largest evidence above the threshold that predicts no worse; False if none.

@@ -19,9 +19,13 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 class CamberThrust(DynamicsEffect):
     """F_y = -c * F_z * a_y / g on each axle, c the camber stiffness per load times the roll per g.
 
+    With by_stiffness = 1 the sum of both is shared as their cornering stiffnesses are; with rear = 0 the rear
+    wheels stay upright, as those of a rigid axle do. To a linear car both are angles of the wheels, as those
+    of roll steer.
     a_y = u r + instant * (F_y / m - u r): the body leans by the steady acceleration or by all of it. Source:
     camber stiffness of about 1 per rad of load, roll of 3 to 7 degrees per g of which half remains between
-    wheel and road: c of 0.02 to 0.06 ([Pacejka 2012], section 4.3).
+    wheel and road: c of 0.02 to 0.06 ([Pacejka 2012], section 4.3), several times that where wheels lean as
+    far as the body and push with a tenth of their cornering stiffness.
     """
 
     name = "camber_thrust"
@@ -34,7 +38,7 @@ class CamberThrust(DynamicsEffect):
     )
     channel = "velocity_lat"
     covariate = "accel_lat"
-    confounded_with = ("cornering_stiffness_error", "mass_error")
+    confounded_with = ("cornering_stiffness_error", "mass_error", "roll_steer")
     parameters = (
         Parameter(
             "coefficient",
@@ -44,17 +48,31 @@ class CamberThrust(DynamicsEffect):
             0.5,
             "c",
             probe=0.0001,
-            prior=Prior(0.0, 0.04, "0.02 to 0.06: Pacejka, section 4.3"),
+            prior=Prior(0.0, 0.06, "0.02 to 0.06, thrice it without suspension: Pacejka, section 4.3"),
         ),
         INSTANT,
+        Parameter(
+            "by_stiffness",
+            "1",
+            1.0,
+            0.0,
+            1.0,
+            "1: thrust in proportion to cornering stiffness, 0: to load",
+        ),
+        Parameter("rear", "1", 1.0, 0.0, 1.0, "1: the rear wheels lean too, 0: they stay upright"),
     )
     coefficient: float = 0.0
     instant: float = 0.0
+    by_stiffness: float = 0.0
+    rear: float = 1.0
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return the ways to lean."""
-        return leans(nonlinear)
+        """Return the ways to lean, and which wheels push how."""
+        pushes = ({}, {"by_stiffness": 1.0}, {"rear": 0.0})
+        return tuple(
+            {"by_stiffness": 0.0, "rear": 1.0, **lean, **push} for lean in leans(nonlinear) for push in pushes
+        )
 
     def add_forces(self, frame: Frame) -> None:
         """Push both axles outwards.
@@ -64,10 +82,15 @@ class CamberThrust(DynamicsEffect):
         load = frame.load
         if not frame.axles:
             load = np.stack([load[0] + load[1], load[2] + load[3]])
+        if self.by_stiffness > 0.0:
+            share = frame.cornering_front / (frame.cornering_front + frame.cornering_rear)
+            both = load[0] + load[1]
+            load = np.stack(np.broadcast_arrays(share * both, (1.0 - share) * both))
+        load = np.stack([load[0], self.rear * load[1]])
         steady = (1.0 - self.instant) * frame.across
         by_accel = self.coefficient / GRAVITY_MPS2 * (load[0] + load[1])
         instant = (frame.force_y - by_accel * steady) / (frame.mass + by_accel * self.instant)
-        pull = -self.coefficient / GRAVITY_MPS2 * (steady + self.instant * instant)
+        pull = -self.coefficient / GRAVITY_MPS2 * frame.leaning(steady + self.instant * instant)
         front, rear = load[0] * pull, load[1] * pull
         frame.force_y = frame.force_y + front + rear
         frame.moment = frame.moment + frame.front * front - frame.rear * rear

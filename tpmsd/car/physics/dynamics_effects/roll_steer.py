@@ -30,7 +30,7 @@ class RollSteer(DynamicsEffect):
     )
     channel = "velocity_lat"
     covariate = "accel_lat"
-    confounded_with = ("cornering_stiffness_error", "compliance_steer")
+    confounded_with = ("cornering_stiffness_error", "compliance_steer", "camber_thrust", "yaw_moment")
     separable = True
     parameters = (
         Parameter(
@@ -75,4 +75,5 @@ class RollSteer(DynamicsEffect):
         accel = frame.across
         if self.instant > 0.0:
             accel = accel + self.instant * (frame.instant - accel)
+        accel = frame.leaning(accel)
         frame.turn(-self.front * accel, self.coefficient * accel, self.directed)

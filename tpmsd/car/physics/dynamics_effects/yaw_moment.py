@@ -31,7 +31,7 @@ class YawMoment(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "accel_long"
-    confounded_with = ("accelerometer_tilt", "cg_position_error")
+    confounded_with = ("accelerometer_tilt", "cg_position_error", "roll_steer")
     separable = True
     parameters = (
         Parameter(
