@@ -64,6 +64,20 @@ def test_loads_that_follow_the_instant_are_no_finding(root: str) -> None:
     assert "instant_loads" in [one.effect for one in found.nuisances]
 
 
+def test_axles_steer_as_a_body_rolls_that_takes_time_for_it(root: str) -> None:
+    """Without the lag a softer axle, inertia and delays would be taken for it, one after the other."""
+    steered = {"coefficient": 0.0008, "front": 0.0006}
+    lag = {"delay_s": 0.07, "square_s2": 0.01}
+    found = diagnosed(root, hidden(roll_steer=steered, roll_lag=lag))
+
+    assert [one.effect for one in found.findings] == ["roll_steer"]
+    for name, value in steered.items():
+        number = found.findings[0].parameters[name]
+        assert abs(number.value - value) < 2.0 * number.std + 2e-5
+    (nuisance,) = (one for one in found.nuisances if one.effect == "roll_lag")
+    assert nuisance.parameters["delay_s"].value == pytest.approx(0.07, abs=0.01)
+
+
 def test_gusts_are_named_one_by_one(root: str) -> None:
     """Three gusts of eight seconds: a spline over time would explain all at once."""
     gusts = {"speed_mps": -8.0, "onset_s": 15.0, "duration_s": 8.0, "every_s": 30.0}
