@@ -152,6 +152,19 @@ def test_a_name_that_predicts_worse_is_not_tried_in_the_place_of_each_term(tmp_p
     assert Contested.attempts == ["gyro_delay"]
 
 
+def test_confounded_terms_do_not_crowd_out_the_others(tmp_path: Path) -> None:
+    """Two names for one thing count as one of the four that a forward step tries."""
+    Contested.attempts = []
+    search = begun(tmp_path, Contested)
+    names = ["roll_steer", "camber_thrust", "yaw_rate_bias", "yaw_rate_scale", "gyro_delay", "mass_error"]
+    terms = {term.name: term for term in search.offered()}
+
+    assert not search._first_of([(terms[name], 20.0 - k) for k, name in enumerate(names)])
+
+    assert Contested.attempts == names[:5]
+    assert set(search.rejected) == set(names[:5])
+
+
 def test_a_tidy_pass_looks_at_a_part_first(tmp_path: Path) -> None:
     """There the scale of a gyro has no competitor; the forward step finds the answers."""
     where = folder(tmp_path / "d", hidden(yaw_rate_scale={"scale": 0.95}), duration_s=180.0)

@@ -35,7 +35,7 @@ from tpmsd.offline.dynamics.path import (
 )
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import CandidateTerm, candidates
+from tpmsd.offline.dynamics.terms import CandidateTerm, are_confounded, candidates
 
 if TYPE_CHECKING:
     from tpmsd.offline.dynamics.located import LocatedTerm
@@ -385,8 +385,14 @@ class Search:
         return list(out.values())
 
     def _first_of(self, terms: Sequence[tuple[CandidateTerm, float]]) -> bool:
-        """Add the first term that predicts no worse; False if none of those that are tried does."""
-        for term, evidence in terms[: SETTINGS.tried]:
+        """Add the first term that predicts no worse; False if none of those that are tried does. Terms that
+        are confounded with one already tried count as one with it: they would crowd out the others."""
+        distinct: list[CandidateTerm] = []
+        for term, evidence in terms:
+            if not any(are_confounded(term, one) for one in distinct):
+                if len(distinct) == SETTINGS.tried:
+                    break
+                distinct.append(term)
             if self.attempt([*self.terms, term]):
                 return True
             self.rejected[term.name] = evidence

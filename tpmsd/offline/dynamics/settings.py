@@ -88,7 +88,8 @@ class DynamicsSettings:
     min_fall: float = 0.995
     """Prediction error after over before, below which it is said to fall: three digits are printed."""
     tried: int = 4
-    """Terms that a forward step tries, best evidence first, until one predicts no worse."""
+    """Terms that a forward step tries, best evidence first, until one predicts no worse; those that are
+    confounded with each other count once."""
     proxy_share: float = 0.7
     """Share of what a model explains that one term without a name explains alone, from which the model's
     named effects may be proxies of it."""

@@ -222,6 +222,11 @@ def _same(values: Mapping[str, float], neutral: Mapping[str, float]) -> bool:
     return all(abs(value - neutral[name]) < 0.03 for name, value in values.items())
 
 
+def are_confounded(one: CandidateTerm, other: CandidateTerm) -> bool:
+    """Return True if either effect lists the other one as confounded with it."""
+    return one.name in other.effect.confounded_with or other.name in one.effect.confounded_with
+
+
 def typical_values(term: CandidateTerm) -> dict[str, float]:
     """Return the typical differences from neutral, by free parameter."""
     typical = {p.name: p.typical for p in term.effect.numbers()}
