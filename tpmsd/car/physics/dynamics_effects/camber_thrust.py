@@ -69,7 +69,7 @@ class CamberThrust(DynamicsEffect):
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
         """Return the ways to lean, and which wheels push how."""
-        pushes = ({}, {"by_stiffness": 1.0}, {"rear": 0.0})
+        pushes: tuple[Mapping[str, float], ...] = ({}, {"by_stiffness": 1.0}, {"rear": 0.0})
         return tuple(
             {"by_stiffness": 0.0, "rear": 1.0, **lean, **push} for lean in leans(nonlinear) for push in pushes
         )
