@@ -232,7 +232,10 @@ def proof(
     for step in found.steps:
         new = [f"+ `{name}`" for name in step.effects if name not in before]
         gone = [f"- `{name}`" for name in before if name not in step.effects]
-        models.append(", ".join([*new, *gone]) or f"`{baseline.name}`")
+        if models and not new and not gone:  # values alone moved: the row of their model has the last ones
+            errors.pop(), ratings.pop()
+        else:
+            models.append(", ".join([*new, *gone]) or f"`{baseline.name}`")
         before = step.effects
         fitted = tuple(effect for effect in step.model if not over_time(effect))
         guess = simulated_outputs(baseline, judged, fitted)
