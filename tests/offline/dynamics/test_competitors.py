@@ -9,7 +9,7 @@ import pytest
 
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
-from tpmsd.offline.dynamics.competitors import Compared, with_best_variants, with_likeliest
+from tpmsd.offline.dynamics.competitors import Compared, choose_best_variants, exchange_for_likelier
 from tpmsd.offline.dynamics.findings import findings_of
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
@@ -43,17 +43,17 @@ def test_a_name_is_as_likely_as_the_selections_that_hold_it(tmp_path: Path) -> N
     )
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
-    search.keep_stage()
+    search.record_stage()
     search.terms = [
         term_of(make_dynamics_effect(name, **values), baseline)
         for name, values in {"mass_error": {"relative": 0.1}, "yaw_rate_scale": {"scale": 1.02}}.items()
     ]
-    search.settle()
+    search.fit_until_converged()
     look = search.look(search.offered())
     both, alone = frozenset({"mass_error", "roll_steer"}), frozenset({"cornering_stiffness_error"})
     nats = {"mass_error": {"cornering_stiffness_error": 1.0}, "yaw_rate_scale": {"roll_steer": 2.0}}
     keys = {("mass_error", "cornering_stiffness_error"): alone, ("yaw_rate_scale", "roll_steer"): both}
-    elsewhere = Compared(search, look, nats, keys).elsewhere()
+    elsewhere = Compared(search, look, nats, keys).selections_without()
 
     assert elsewhere == {"mass_error": (), "yaw_rate_scale": (CompetingSelection(1.0, alone),)}
     before, after = (
@@ -69,12 +69,12 @@ def test_a_name_that_is_plainly_likelier_takes_the_place_of_the_one_selected(tmp
     where = folder(tmp_path / "d", hidden(gyro_delay={"delay_s": 0.04}), duration_s=40.0)
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
-    search.keep_stage()
+    search.record_stage()
     search.terms = [term_of(make_dynamics_effect("steering_delay", delay_s=0.02), baseline)]
-    search.settle()
-    search.keep_stage()
+    search.fit_until_converged()
+    search.record_stage()
 
-    likeliest = with_likeliest(search)
+    likeliest = exchange_for_likelier(search)
 
     assert [term.name for term in likeliest.search.named] == ["gyro_delay"]
     assert likeliest.search.terms[0].value("delay_s") == pytest.approx(0.04, abs=0.004)
@@ -89,13 +89,13 @@ def test_one_name_takes_the_place_of_two_that_are_the_same(tmp_path: Path) -> No
     where = folder(tmp_path / "d", hidden(roll_steer=steered), duration_s=20.0)
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
-    search.keep_stage()
+    search.record_stage()
     two = {"yaw_moment": {"lateral_m": -0.1}, "mass_error": {"relative": 0.05}}
     search.terms = [term_of(make_dynamics_effect(name, **value), baseline) for name, value in two.items()]
-    search.settle()
-    search.keep_stage()
+    search.fit_until_converged()
+    search.record_stage()
 
-    likeliest = with_likeliest(search).search
+    likeliest = exchange_for_likelier(search).search
 
     assert [term.name for term in likeliest.named] == ["roll_steer"]
     assert likeliest.named[0].effect.values() == pytest.approx({**steered, "directed": 1.0}, abs=1e-4)
@@ -108,10 +108,10 @@ def test_an_effect_acts_in_its_likeliest_variant(tmp_path: Path) -> None:
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
     search.terms = [term_of(make_dynamics_effect("roll_steer", coefficient=0.0006, front=0.0009), baseline)]
-    search.settle()
+    search.fit_until_converged()
 
-    best = with_best_variants(search)
+    best = choose_best_variants(search)
 
     assert best.terms[0].effect.values() == pytest.approx({**steered, "directed": 1.0}, abs=1e-4)
     assert best.stages[-1].terms[0] is best.terms[0]
-    assert with_best_variants(best) is best
+    assert choose_best_variants(best) is best

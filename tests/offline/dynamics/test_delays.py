@@ -11,7 +11,7 @@ from tests.offline.dynamics.drives import folder, loaded
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.dynamics.columns import Probe, changes
+from tpmsd.offline.dynamics.columns import Probe, model_derivatives
 from tpmsd.offline.dynamics.path import Setup, linear, smoothed
 from tpmsd.offline.dynamics.search import Search
 
@@ -90,7 +90,7 @@ def test_instruments_read_in_the_earlier_states_that_are_known(tmp_path: Path) -
         make_dynamics_effect("compliance_steer", coefficient=1e-6),
     )
     probes = [Probe((*theta, effect), 1.0) for effect in offered]
-    _, found = changes(setup, theta, at, probes)
+    _, found = model_derivatives(setup, theta, at, probes)
 
     seen = setup.evaluate(at.path, setup.inputs(theta), theta)[1]
     for by, probe in zip(found, probes, strict=True):

@@ -27,15 +27,15 @@ from tpmsd.offline.dynamics.columns import BlockGram, Probe, gram
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.document import dynamics_document
 from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics
-from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing, spread_of_blocks
-from tpmsd.offline.dynamics.located import _best_spans, _edges
-from tpmsd.offline.dynamics.model_statistics import ModelStatistics, p_value_of
+from tpmsd.offline.dynamics.findings import odds_of_neutral_values, relative_block_spread, unexplained_ratio
+from tpmsd.offline.dynamics.located import _best_spans, _refine_span
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics, p_value_of_distance
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
-from tpmsd.offline.dynamics.stages import _grow, marginal, prior_precision
+from tpmsd.offline.dynamics.stages import _grow, log_marginal_likelihood, prior_precision
 from tpmsd.offline.dynamics.summary import summary_sentences
-from tpmsd.offline.dynamics.terms import hats, spline_term, term_of, within_rows
+from tpmsd.offline.dynamics.terms import drop_points_without_rows, hat_functions, spline_term, term_of
 from tpmsd.offline.signals.write import signals_text
 
 SINGLE = {
@@ -94,7 +94,7 @@ def test_a_drive_without_wind_has_no_empty_span(root: str) -> None:
     """Where no span of wind is likely the best one still has a length."""
     setup = Setup(*loaded(folder(Path(root) / "calm", duration_s=30.0), "single-track"), ("yaw_rate",))
     wind = (make_dynamics_effect("side_wind", speed_mps=1.0),)
-    span = _edges(Search(setup), wind, (20.0, 25.0 + 1e-7), 6.0, 1e9)
+    span = _refine_span(Search(setup), wind, (20.0, 25.0 + 1e-7), 6.0, 1e9)
 
     assert 17.5 <= span.onset_s <= 22.5
     assert span.duration_s >= 0.5
@@ -239,14 +239,14 @@ def test_the_odds_of_a_selection_integrate_its_priors(tmp_path: Path) -> None:
     term = term_of(make_dynamics_effect("yaw_rate_scale", scale=1.0), baseline)
     (precision,) = term.prior()[1]
     value = 0.5 * 9.0 / (1.0 + precision) - 0.5 * math.log((1.0 + precision) / precision)
-    assert marginal([term], np.ones((1, 1)), np.full(1, 3.0)) == pytest.approx(value)
+    assert log_marginal_likelihood([term], np.ones((1, 1)), np.full(1, 3.0)) == pytest.approx(value)
 
 
 def test_a_selection_that_comes_round_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where each term that is added makes the one before superfluous, models would repeat for ever."""
     baseline, drive = loaded(folder(tmp_path / "d", duration_s=20.0), "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
-    search.keep_stage()
+    search.record_stage()
     scaled, biased = (
         term_of(make_dynamics_effect(name), baseline) for name in ("yaw_rate_scale", "yaw_rate_bias")
     )
@@ -259,9 +259,9 @@ def test_a_selection_that_comes_round_ends(tmp_path: Path, monkeypatch: pytest.M
         search.terms = [biased if search.terms == [scaled] else scaled]
         return True
 
-    monkeypatch.setattr(search, "forward", forward)
-    monkeypatch.setattr(search, "settle", lambda: None)
-    monkeypatch.setattr(search, "keep_stage", lambda: None)
+    monkeypatch.setattr(search, "forward_step", forward)
+    monkeypatch.setattr(search, "fit_until_converged", lambda: None)
+    monkeypatch.setattr(search, "record_stage", lambda: None)
     _grow(search, 10.0, 10, lambda share: None)
 
     assert steps == 3
@@ -387,7 +387,7 @@ def test_what_was_looked_at_is_not_looked_at_again(tmp_path: Path, monkeypatch: 
     """While the model stands, one set of columns serves every question, with the answers of each alone."""
     baseline, drive = loaded(folder(tmp_path / "d", duration_s=30.0), "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
-    assert search.attempt([term_of(make_dynamics_effect("yaw_rate_scale", scale=1.01), baseline)])
+    assert search.try_terms([term_of(make_dynamics_effect("yaw_rate_scale", scale=1.01), baseline)])
     offered, asked = search.offered(), []
     alone = search.look(offered[:5])
     monkeypatch.setattr(
@@ -402,7 +402,7 @@ def test_what_was_looked_at_is_not_looked_at_again(tmp_path: Path, monkeypatch: 
     assert few.evidence(0) == pytest.approx(alone.evidence(0), rel=1e-6)
     assert [term.key for term in again.offered] == [term.key for term in offered]
 
-    assert search.attempt([*search.terms])
+    assert search.try_terms([*search.terms])
     search.look(offered)
     assert len(asked) > 2  # the fit, and the new model
 
@@ -436,10 +436,12 @@ def test_a_long_drive_is_looked_at_in_blocks_spread_over_it(tmp_path: Path) -> N
     assert f"the drive has {len(drive.time_s)} rows: {len(few.time_s)} of them" in few.notes[-1]
 
     knots = np.arange(0.0, 61.0, 0.5)
-    kept = within_rows(knots, few.time_s)
+    kept = drop_points_without_rows(knots, few.time_s)
     assert len(kept) < len(knots)
-    of_all = {at: hat for at, hat in zip(knots, hats(few.time_s, tuple(knots)), strict=True) if hat.any()}
-    of_kept = dict(zip(kept, hats(few.time_s, tuple(kept)), strict=True))
+    of_all = {
+        at: hat for at, hat in zip(knots, hat_functions(few.time_s, tuple(knots)), strict=True) if hat.any()
+    }
+    of_kept = dict(zip(kept, hat_functions(few.time_s, tuple(kept)), strict=True))
     assert all(np.allclose(of_kept[at], hat, atol=1e-12) for at, hat in of_all.items())
 
 
@@ -486,7 +488,7 @@ def test_a_finished_model_stands_still(root: str) -> None:
     search = Search(setup)
     search.terms = [t for t in search.offered() if t.name == "gyro_delay" and not t.jump]
 
-    search.settle()
+    search.fit_until_converged()
     before = search.terms[0].values()[0]
     search.fit()
 
@@ -507,7 +509,7 @@ def test_a_model_whose_fit_runs_away_is_left_as_it_was(
         raise np.linalg.LinAlgError("not positive definite")
 
     monkeypatch.setattr(search, "fit", away)
-    assert not search.attempt([term])
+    assert not search.try_terms([term])
     assert search.terms == [] and (search.at, search.noise, search.error) == before
 
 
@@ -520,9 +522,9 @@ def test_a_name_is_no_surer_than_the_part_of_the_error_that_it_explains() -> Non
     slow, other = np.sin(0.3 * time_s)[:, None], math.sqrt(2.0) * np.sin(0.7 * time_s)[:, None]
     readings, std = noise + math.sqrt(2.0) * (slow + other), np.array([1.0])
 
-    half = left_over(readings, np.zeros_like(noise), math.sqrt(2.0) * other, std, time_s)
+    half = unexplained_ratio(readings, np.zeros_like(noise), math.sqrt(2.0) * other, std, time_s)
     assert half == pytest.approx(math.sqrt(0.5), rel=0.1)
-    assert left_over(readings, np.zeros_like(noise), readings - noise, std, time_s) < 0.2
+    assert unexplained_ratio(readings, np.zeros_like(noise), readings - noise, std, time_s) < 0.2
 
 
 def test_a_value_that_differs_between_blocks_is_no_constant_of_the_car() -> None:
@@ -530,8 +532,8 @@ def test_a_value_that_differs_between_blocks_is_no_constant_of_the_car() -> None
     overdispersion = 1.0 + 2.0**2
     distance = 10.0 * 4.0**2 / overdispersion
 
-    assert spread_of_blocks(overdispersion, distance, 10) == pytest.approx(0.5)
-    assert spread_of_blocks(1.0, distance, 10) == 0.0
+    assert relative_block_spread(overdispersion, distance, 10) == pytest.approx(0.5)
+    assert relative_block_spread(1.0, distance, 10) == 0.0
 
 
 def test_without_a_term_the_others_take_its_part() -> None:
@@ -546,7 +548,7 @@ def test_without_a_term_the_others_take_its_part() -> None:
         Statistics(BlockGram(information[None], np.zeros((1, 2)))), terms, columns, removal, [], []
     )
 
-    (other,) = look.others_without(0)
+    (other,) = look.refitted_others(0)
 
     assert other.name == "yaw_inertia_error"
     assert other.value("relative") == pytest.approx(0.15, abs=1e-3)
@@ -555,12 +557,12 @@ def test_without_a_term_the_others_take_its_part() -> None:
 def test_values_at_the_default_are_no_news() -> None:
     """F over blocks: one value is Student's t, 0 has a p-value of 1. Values at the default have even odds at
     best, those two standard deviations away exp(2)."""
-    assert odds_of_nothing(80.0, 0.0) == 1.0
-    assert odds_of_nothing(80.0, 4.0) == pytest.approx(math.exp(-2.0))
-    assert odds_of_nothing(3.0, 400.0) == pytest.approx(math.exp(-3.0))
-    assert p_value_of(0.0, 1, 15) == 1.0
-    assert p_value_of(2.5**2, 1, 15) == pytest.approx(2.0 * float(stdtr(14, -2.5)))
-    assert p_value_of(9.0, 2, 15) == pytest.approx(float(fdtrc(2, 14, 4.5)))
+    assert odds_of_neutral_values(80.0, 0.0) == 1.0
+    assert odds_of_neutral_values(80.0, 4.0) == pytest.approx(math.exp(-2.0))
+    assert odds_of_neutral_values(3.0, 400.0) == pytest.approx(math.exp(-3.0))
+    assert p_value_of_distance(0.0, 1, 15) == 1.0
+    assert p_value_of_distance(2.5**2, 1, 15) == pytest.approx(2.0 * float(stdtr(14, -2.5)))
+    assert p_value_of_distance(9.0, 2, 15) == pytest.approx(float(fdtrc(2, 14, 4.5)))
 
 
 def test_a_banked_road_is_asked_before_delays_of_instruments(root: str) -> None:

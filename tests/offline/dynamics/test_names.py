@@ -14,11 +14,15 @@ from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.car.physics.baselines.inputs import make_inputs
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.car.physics.motion import GRAVITY_MPS2
-from tpmsd.offline.dynamics.findings import likelier_not, suspected, with_a_cause
+from tpmsd.offline.dynamics.findings import (
+    drop_unlikely_suspicions,
+    is_improbable,
+    promote_strongest_suspicion,
+)
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, OutputFit
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
-from tpmsd.offline.dynamics.stages import preferred
+from tpmsd.offline.dynamics.stages import choose_selection
 from tpmsd.offline.dynamics.summary import summary_sentences
 
 FRONT = hidden(cornering_stiffness_error={"front": -0.12, "rear": 0.0})
@@ -67,7 +71,7 @@ def _doubtful(found: DynamicsFinding, **changes: float) -> DynamicsFinding:
 
 def test_a_doubtful_name_becomes_a_cause_without_one(root: str) -> None:
     first = diagnosed(root, FRONT).findings[0]
-    (cause,) = with_a_cause([_doubtful(first)])
+    (cause,) = promote_strongest_suspicion([_doubtful(first)])
 
     assert (cause.effect, cause.status, cause.confidence) == ("unknown", FINDING, 0.8)
     assert cause.indistinguishable_from == (first.effect, *first.indistinguishable_from)
@@ -80,14 +84,14 @@ def test_what_predicts_no_better_stays_a_suspicion(root: str) -> None:
     no_better = _doubtful(first, rms_after=first.rms_before)
     no_gain = _doubtful(first, loglik_gain=-1.0)
 
-    assert with_a_cause([no_better, no_gain]) == (no_better, no_gain)
+    assert promote_strongest_suspicion([no_better, no_gain]) == (no_better, no_gain)
 
 
 def test_beside_a_finding_a_doubtful_name_stays_a_suspicion(root: str) -> None:
     first = diagnosed(root, FRONT).findings[0]
     other = _doubtful(first)
 
-    assert with_a_cause([first, other]) == (first, other)
+    assert promote_strongest_suspicion([first, other]) == (first, other)
 
 
 def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str) -> None:
@@ -95,7 +99,7 @@ def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str)
     likely, hardly = _doubtful(first), _doubtful(first, confidence=0.04)
     may_be_proxy = replace(first, confidence=0.04)
 
-    assert suspected([likely, hardly, may_be_proxy]) == (likely, may_be_proxy)
+    assert drop_unlikely_suspicions([likely, hardly, may_be_proxy]) == (likely, may_be_proxy)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +115,7 @@ def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str)
 def test_a_name_is_doubtful_where_it_and_its_twins_are_unlikely(
     against: float, competitors: list[float], doubtful: bool
 ) -> None:
-    assert likelier_not(against, competitors) is doubtful
+    assert is_improbable(against, competitors) is doubtful
 
 
 def test_an_output_that_is_predicted_worse_is_not_said_to_fall(root: str) -> None:
@@ -164,11 +168,11 @@ def test_a_selection_that_predicts_worse_is_no_rival(
 ) -> None:
     baseline, drive = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
     first = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
-    second = first.copied()
+    second = first.fork()
     first.competitor = second.competitor = CompetingSelection(nats, frozenset())
     second.error = first.error + error
 
-    chosen = preferred(first, second, nats)
+    chosen = choose_selection(first, second, nats)
 
     assert chosen is (second if other else first)
     assert (chosen.competitor is not None) is competitor

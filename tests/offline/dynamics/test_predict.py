@@ -34,7 +34,7 @@ def test_blocks_that_slide_are_solved_alone(monkeypatch: pytest.MonkeyPatch) -> 
         raise AssertionError
 
     monkeypatch.setattr(predict, "linear", counted)
-    monkeypatch.setattr(predict, "_abreast", refused)
+    monkeypatch.setattr(predict, "_step_all_blocks", refused)
     begin = np.zeros((len(time_s), 2))
     begin[drive.starts, 1] = 0.01 * np.arange(len(drive.starts))
     kicks = np.zeros((len(time_s) - 1, 2))

@@ -15,7 +15,7 @@ from tpmsd.car.physics.own_dynamics import checked_effect
 from tpmsd.car.physics.own_effects import dynamics_classes_of, module_of_file
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.offline.dynamics.document import dynamics_document
-from tpmsd.offline.dynamics.located import LocatedTerm, refined
+from tpmsd.offline.dynamics.located import LocatedTerm, fit_located_term
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.proposals import dynamics_effect_file, proposals
 from tpmsd.offline.dynamics.result import ClosedForm, DynamicsDiagnosis
@@ -33,7 +33,7 @@ def test_a_moment_that_grows_with_speed_and_turn_is_described(tmp_path: Path) ->
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
     knots = (-0.3, -0.1, 0.0, 0.1, 0.3)
     flat = DynamicsUnknown(knots=knots, heights=(0.0,) * 5, on="moment", over="yaw_rate")
-    assert search.attempt([refined(search, LocatedTerm(spline_term(flat, 0.6), 0.0))])
+    assert search.try_terms([fit_located_term(search, LocatedTerm(spline_term(flat, 0.6), 0.0))])
     every = proposals(search)
     best = every[0]
     made = DynamicsDiagnosis("mismatch", "", "single-track", False, (), 60.0, proposals=every)

@@ -35,7 +35,7 @@ def test_a_path_with_roll_is_the_likeliest(tmp_path: Path) -> None:
     cent of a nat; Newton's leave the square of what there was."""
     search = begun(tmp_path)
     search.terms = [term_of(ROLL, search.setup.baseline)]
-    start = search._resized(search.at.path)
+    start = search._adapt_to_states(search.at.path)
 
     at = smoothed(search.setup, search.theta, start, search.noise)
 
@@ -51,12 +51,12 @@ def test_states_go_with_their_effects(tmp_path: Path) -> None:
     search = begun(tmp_path)
     slip = make_dynamics_effect("tyre_relaxation", length_m=0.5)
     search.terms = [term_of(slip, search.setup.baseline)]
-    search.at = smoothed(search.setup, search.theta, search._resized(search.at.path), search.noise)
+    search.at = smoothed(search.setup, search.theta, search._adapt_to_states(search.at.path), search.noise)
     before, states = search.at.path, search.noise.states
     assert float(np.abs(before[:, 2:4]).max()) > 1e-3
 
     search.terms = [term_of(ROLL, search.setup.baseline), *search.terms]
-    path = search._resized(before)
+    path = search._adapt_to_states(before)
 
     names = search.setup.states(search.theta)
     assert search.noise.states == names != states
@@ -78,9 +78,9 @@ class Judged(Search):
         """Return the error that is given."""
         return self.worse if any(term.name == "tyre_relaxation" for term in self.terms) else 0.0
 
-    def _taken(self, terms: list[CandidateTerm], most: float) -> bool:
+    def _try_terms(self, terms: list[CandidateTerm], most: float) -> bool:
         self.asked.append(len(self.setup.drive.time_s))
-        return super()._taken(terms, most)
+        return super()._try_terms(terms, most)
 
 
 def test_what_predicts_plainly_worse_on_a_part_is_not_fitted_to_the_whole_drive(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_what_predicts_plainly_worse_on_a_part_is_not_fitted_to_the_whole_drive(
 
     for worse, asked in ((2.0, 1), (0.5, 2)):
         Judged.worse, Judged.asked = worse * SETTINGS.plain_error_increase, []
-        assert not search.attempt([*search.terms, slip])
+        assert not search.try_terms([*search.terms, slip])
         assert [count < whole for count in Judged.asked] == [True, False][:asked]
 
 
@@ -102,9 +102,9 @@ class Noted(Search):
 
     offers: list[int]
 
-    def _looked_at(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
+    def _compute_statistics(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
         self.offers.append(len(offered))
-        return super()._looked_at(offered)
+        return super()._compute_statistics(offered)
 
 
 def test_what_is_needless_goes_before_the_catalogue_is_looked_at(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_what_is_needless_goes_before_the_catalogue_is_looked_at(tmp_path: Path)
         for name, values in (("mass_error", {"relative": 0.0}), ("yaw_rate_bias", {"bias": 0.0}))
     ]
 
-    assert search.tidy(8.0)
+    assert search.backward_or_exchange_step(8.0)
 
     assert len(search.terms) == 1
     assert Noted.offers == [0]
@@ -132,7 +132,7 @@ class Contested(Search):
         better = term_of(make_dynamics_effect("gyro_delay", delay_s=0.0), self.setup.baseline)
         return Mock(evidence=lambda k: 50.0, competitors=lambda k: [(better, 60.0)])
 
-    def attempt(self, terms: list[CandidateTerm]) -> bool:
+    def try_terms(self, terms: list[CandidateTerm]) -> bool:
         """Refuse it."""
         self.attempts.append(terms[-1].name)
         return False
@@ -147,7 +147,7 @@ def test_a_name_that_predicts_worse_is_not_tried_in_the_place_of_each_term(tmp_p
         for name, values in (("mass_error", {"relative": 0.1}), ("yaw_rate_bias", {"bias": 0.01}))
     ]
 
-    assert not search.tidy(8.0)
+    assert not search.backward_or_exchange_step(8.0)
 
     assert Contested.attempts == ["gyro_delay"]
 
@@ -159,7 +159,7 @@ def test_confounded_terms_do_not_crowd_out_the_others(tmp_path: Path) -> None:
     names = ["roll_steer", "camber_thrust", "yaw_rate_bias", "yaw_rate_scale", "gyro_delay", "mass_error"]
     terms = {term.name: term for term in search.offered()}
 
-    assert not search._first_of([(terms[name], 20.0 - k) for k, name in enumerate(names)])
+    assert not search._add_first([(terms[name], 20.0 - k) for k, name in enumerate(names)])
 
     assert Contested.attempts == names[:5]
     assert set(search.rejected) == set(names[:5])
@@ -171,24 +171,24 @@ def test_a_tidy_pass_looks_at_a_part_first(tmp_path: Path) -> None:
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, CHANNELS))
     search.terms = [one for one in search.offered() if one.name == "yaw_rate_scale"]
-    search.settle()
+    search.fit_until_converged()
 
-    assert not search.tidy(8.0)
+    assert not search.backward_or_exchange_step(8.0)
 
-    assert search.seen.whole is None
-    coarse = search._coarse()
-    assert coarse is search._coarse()
-    assert coarse.seen.whole is not None
+    assert search.cached_statistics.whole is None
+    coarse = search._on_part_of_blocks()
+    assert coarse is search._on_part_of_blocks()
+    assert coarse.cached_statistics.whole is not None
 
 
 def test_a_fit_stops_where_a_step_promises_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A two-hundredth of a nat is left aside, whatever values that moves."""
     search = begun(tmp_path)
     search.terms = [term_of(make_dynamics_effect("mass_error", relative=0.0), search.setup.baseline)]
-    search.settle()
+    search.fit_until_converged()
     moved: list[float] = []
     monkeypatch.setattr("tpmsd.offline.dynamics.search.SETTINGS", replace(SETTINGS, settled=0.0))
-    monkeypatch.setattr(search, "_move", lambda step: moved.append(float(step[0])))
+    monkeypatch.setattr(search, "_move_terms", lambda step: moved.append(float(step[0])))
 
     search.fit()
 
@@ -213,7 +213,7 @@ def test_a_model_settles_where_it_predicts_no_worse_than_at_the_start(tmp_path: 
     search.terms = [term_of(make_dynamics_effect("gyro_delay", delay_s=0.02), search.setup.baseline)]
     search.error, at = search.prediction_error(), search.at
 
-    search.settle()
+    search.fit_until_converged()
 
     assert search.terms[0].value("delay_s") == pytest.approx(0.05)
     assert search.error == pytest.approx(0.0625)
@@ -226,14 +226,14 @@ def test_names_are_doubted_for_a_term_without_a_name_only_while_it_is_there(tmp_
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, CHANNELS))
     search.terms = [term_of(make_dynamics_effect("gyro_delay", delay_s=0.04), baseline)]
-    search.settle()
+    search.fit_until_converged()
     search.may_be_proxy = True
 
     (alone,) = findings_of(search, search.look(search.offered()))
 
     assert not alone.may_be_proxy
     search.terms.append(nameless(search)[0].term)
-    search.settle()
+    search.fit_until_converged()
     found = {one.effect: one for one in findings_of(search, search.look(search.offered()))}
     assert found["gyro_delay"].may_be_proxy
     assert found["gyro_delay"].confidence < 0.5 < alone.confidence

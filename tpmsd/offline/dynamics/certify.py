@@ -46,7 +46,7 @@ class Replicates:
     rng: np.random.Generator
 
 
-def certified(
+def certify_findings(
     search: Search,
     findings: Sequence[DynamicsFinding],
     replicates: Replicates,
@@ -58,12 +58,12 @@ def certified(
     drawn = 0
     for k, one in enumerate(findings):
         value = one.evidence - (nameless_penalty(search) if one.effect == "unknown" else 0.0)
-        maxima = _maxima(search, one.term, value, replicates.most, rng)
+        maxima = _largest_evidences(search, one.term, value, replicates.most, rng)
         drawn = max(drawn, len(maxima))
         p_values.append(estimate_p_value(value, maxima))
         say((k + 1) / (len(findings) + 1))
     left = largest_evidence(search)
-    maxima = _maxima(search, None, left, replicates.most, rng)
+    maxima = _largest_evidences(search, None, left, replicates.most, rng)
     certain = discoveries([one.tail for one in p_values], SETTINGS.false_discovery)
     judged = tuple(
         replace(
@@ -80,21 +80,21 @@ def certified(
     )
 
 
-def _maxima(
+def _largest_evidences(
     search: Search, without: int | None, value: float, most: int, rng: np.random.Generator
 ) -> list[float]:
-    """Return the largest evidence in each of at most so many replicates, drawn until all is decided."""
+    """Return the largest log evidence found in each replicate; drawing stops once `value` is decided."""
     terms = [term for k, term in enumerate(search.terms) if k != without]
     maxima: list[float] = []
     for _ in range(most):
-        maxima.append(largest_evidence(_analysed(search, terms, rng)))
+        maxima.append(largest_evidence(_fit_replicate(search, terms, rng)))
         if is_decided(value, maxima):
             break
     return maxima
 
 
-def _analysed(search: Search, terms: Sequence[CandidateTerm], rng: np.random.Generator) -> Search:
-    """Return a replicate that holds these terms, with noise, path and terms fitted to it."""
+def _fit_replicate(search: Search, terms: Sequence[CandidateTerm], rng: np.random.Generator) -> Search:
+    """Return the search fitted (noise, path, terms) to a replicate drawn from a model with these terms."""
     setup = search.setup
     theta = (*search.base, *(term.effect for term in terms))
     drive = replicate(search, theta, rng)
@@ -112,14 +112,14 @@ def largest_evidence(search: Search) -> float:
 
 
 def replicate(search: Search, theta: Theta, rng: np.random.Generator) -> DynamicsDrive:
-    """Return the drive with readings that a model gives, with the noise that was fitted.
+    """Return the drive with readings simulated from a model and its fitted noise.
 
     Blocks start in the states of the fitted path; what is missing in the recording is missing here.
     """
     setup, noise = search.setup, search.noise
     names, all_names = setup.states(theta), setup.states(search.theta)
     start = search.at.path[:, [all_names.index(name) for name in names]]
-    own = noise.of(names)
+    own = noise.for_states(names)
     drive = setup.drive
     dt = np.where(drive.linked, np.diff(drive.time_s), 0.0)
     deviation = np.sqrt(own.step_variance(dt))
@@ -137,7 +137,7 @@ def replicate(search: Search, theta: Theta, rng: np.random.Generator) -> Dynamic
 
 
 def _disturbances(setup: Setup, noise: PathNoise, kicks: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return disturbances (n, d) that start each block with their stationary variance."""
+    """Return simulated disturbances (n, d), stationary from the first row of each block."""
     drive = setup.drive
     step = float(np.median(np.diff(drive.time_s)))
     decay = float(np.exp(-step / SETTINGS.disturbance_time_s))

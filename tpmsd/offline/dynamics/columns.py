@@ -44,17 +44,19 @@ class BlockGram:
     """(B, p)"""
 
     def only(self, columns: Sequence[int]) -> BlockGram:
-        """Return some of the parameters."""
+        """Return the statistics of some of the parameters."""
         rows = np.asarray(columns, dtype=int)
         return BlockGram(self.information[:, rows[:, None], rows], self.gradient[:, rows])
 
-    def combined(self, matrix: FloatArray) -> BlockGram:
-        """Return new parameters of which the old ones are `matrix` (p, q) times these."""
+    def recombined(self, matrix: FloatArray) -> BlockGram:
+        """Return the statistics of q new parameters; the old ones are `matrix` (p, q) times them."""
         information = np.einsum("pi,bpq,qj->bij", matrix, self.information, matrix, optimize=True)
         return BlockGram(information, self.gradient @ matrix)
 
 
-def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> tuple[FloatArray, FloatArray]:
+def model_derivatives(
+    setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]
+) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives of rates (p, s, n) and readings (p, m, n) by the probes."""
     states = setup.states(theta)
     inputs = setup.inputs(theta)
@@ -83,8 +85,8 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Seque
     if not probes:
         blocks = len(drive.starts)
         return BlockGram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
-    merged, indices = _merged(probes, drive.starts)
-    inner = _gram(setup, theta, at, noise, merged)
+    merged, indices = _merge_disjoint_probes(probes, drive.starts)
+    inner = _gram_of_columns(setup, theta, at, noise, merged)
     if len(merged) == len(probes):
         return inner
     information = np.zeros((len(drive.starts), len(probes), len(probes)))
@@ -97,8 +99,8 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Seque
     return BlockGram(information, gradient)
 
 
-def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], IntArray]:
-    """Return fewer probes, and (p, B) which of the given ones each of them is in each block; -1: none.
+def _merge_disjoint_probes(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], IntArray]:
+    """Return merged probes, and (p, B) the given probe that each stands for in a block; -1: none.
 
     Basis functions of one model that act in different blocks share a column: nothing links blocks.
     """
@@ -125,15 +127,17 @@ def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], Int
     return out, np.array(indices)
 
 
-def _gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]) -> BlockGram:
+def _gram_of_columns(
+    setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]
+) -> BlockGram:
     """Return the statistics of all blocks, each probe a column of its own.
 
-    With the path's information L L' and what a column asks of the path, c, the information of two columns is
-    their product in whitened residuals less that of L^-1 c. Rows of a block lie side by side.
+    With the path's information L L' and a column's right-hand side c for the path, the information of two
+    columns is their product in whitened residuals less that of L^-1 c. Rows of a block lie side by side.
     """
     drive = setup.drive
     weighted = at.weighted(setup, noise)
-    direct, crossed = _whitened(setup, at, weighted, *changes(setup, theta, at, probes))
+    direct, crossed = _whitened_columns(setup, at, weighted, *model_derivatives(setup, theta, at, probes))
     count, own = len(probes), direct.shape[2]
     crossed = weighted.factor.half_solve_rows(crossed)
     left = weighted.factor.half_solve_rows(weighted.gradient()[None]).reshape(-1)
@@ -153,11 +157,11 @@ def _gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequ
     return BlockGram(np.array(information), np.array(gradient))
 
 
-def _whitened(
+def _whitened_columns(
     setup: Setup, at: Linear, weighted: Weighted, by_rate: FloatArray, by_output: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the columns in standard deviations of steps and readings, (p, n, s + m), and what each asks of
-    the path, (p, n, t)."""
+    """Return the whitened columns of steps and readings, (p, n, s + m), and their right-hand sides for the
+    path, (p, n, t)."""
     probes, count, n = by_rate.shape
     total = at.path.shape[1]
     by_state = np.ascontiguousarray(np.moveaxis(at.by_state[:, :count], 0, -1))
@@ -169,7 +173,7 @@ def _whitened(
     direct, crossed = np.zeros((probes, n, count + len(scale))), np.empty((probes, n, total))
     asked = np.empty((total, n))
     for k in range(probes):
-        step = step_scale * stepped_change(by_state, half, by_rate[k])
+        step = step_scale * step_derivative(by_state, half, by_rate[k])
         read = scale * by_output[k]
         direct[k, :-1, :count], direct[k, :, count:] = step.T, read.T
         step, read = step * step_scale, read * scale
@@ -184,7 +188,7 @@ def _whitened(
     return direct, crossed
 
 
-def stepped_change(by_state: FloatArray, half: FloatArray, by_rate: FloatArray) -> FloatArray:
+def step_derivative(by_state: FloatArray, half: FloatArray, by_rate: FloatArray) -> FloatArray:
     """Return the derivative of the steps, (s, n - 1), by the trapezium rule over each.
 
     `by_state` is (s, t, n - 1), `half` half of each step in s, `by_rate` (s, n).

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.stages import log_marginal, marginal_parts
+from tpmsd.offline.dynamics.stages import log_posterior, log_posterior_parts
 from tpmsd.offline.dynamics.terms import CandidateTerm
 
 CompetitorNats = Mapping[str, Mapping[str, float]]
@@ -35,9 +35,8 @@ class Compared:
     competitors: CompetitorNats
     keys: CompetitorKeys
 
-    def elsewhere(self) -> dict[str, tuple[CompetingSelection, ...]]:
-        """Return for each term the selections that lack it though another term is the one exchanged, each
-        selection once.
+    def selections_without(self) -> dict[str, tuple[CompetingSelection, ...]]:
+        """Return for each term the other selections without it, from exchanges of other terms.
 
         A name is as likely as all the selections that hold it together.
         """
@@ -53,23 +52,22 @@ class Compared:
         return out
 
 
-def with_likeliest(search: Search) -> Compared:
-    """Return the selection in which no competitor that was fitted beats a term by the odds of confounded
-    effects."""
+def exchange_for_likelier(search: Search) -> Compared:
+    """Exchange terms for likelier competitors until none is likelier by the odds of confounded effects."""
     seen: set[frozenset[str]] = set()
-    search = with_best_variants(search)
+    search = choose_best_variants(search)
     while True:
         look = search.look([term for term in search.offered() if term.name not in search.rejected])
-        nats, fits, keys = fitted_competitors(search, look)
+        nats, fits, keys = fit_competitors(search, look)
         seen.add(frozenset(term.name for term in search.terms))
-        other = _likelier(search, look, nats, fits, seen)
+        other = _likelier_selection(search, look, nats, fits, seen)
         if other is None:
             return Compared(search, look, nats, keys)
         search = other
 
 
-def with_best_variants(search: Search) -> Search:
-    """Return the selection in which each effect acts in the likeliest of its variants.
+def choose_best_variants(search: Search) -> Search:
+    """Return the selection with each effect in its likeliest variant.
 
     The first step took the variant that was likelier while other effects were missing.
     """
@@ -79,24 +77,24 @@ def with_best_variants(search: Search) -> Search:
 
 
 def _in_best_variant(search: Search, name: str) -> Search:
-    """Return the selection in which the effect of this name, where it is there, acts in its best variant."""
+    """Return the selection with the effect of this name in its likeliest variant; as it is if absent."""
     here = next((term for term in search.terms if term.name == name), None)
     if here is None or len(variants := type(here.effect).variants(search.setup.baseline.nonlinear)) < 2:
         return search
-    best, own = search, log_marginal(search, search)
+    best, own = search, log_posterior(search, search)
     for fixed in variants:
         effect = replace(here.effect, **fixed)
         if effect == here.effect:
             continue
-        other = _exchanged(search, search.terms.index(here), replace(here, effect=effect))
-        if other is not None and (nats := log_marginal(other, search)) > own:
+        other = _exchange_and_fit(search, search.terms.index(here), replace(here, effect=effect))
+        if other is not None and (nats := log_posterior(other, search)) > own:
             best, own = other, nats
     if best is not search:
-        best.keep_stage()
+        best.record_stage()
     return best
 
 
-def _likelier(
+def _likelier_selection(
     search: Search,
     look: ModelStatistics,
     nats: dict[str, dict[str, float]],
@@ -114,29 +112,29 @@ def _likelier(
         for name, value in nats.get(term.key, {}).items()
         if value > SETTINGS.confounded_nats
     ]
-    own = log_marginal(search, search) if odds else 0.0
+    own = log_posterior(search, search) if odds else 0.0
     for _, k, name in sorted(odds, reverse=True):
-        competitor = next(one for one in _close(look, k) if one.name == name)
+        competitor = next(one for one in _close_competitors(look, k) if one.name == name)
         if frozenset(one.name for one in (*search.terms[:k], competitor, *search.terms[k + 1 :])) in seen:
             continue
-        other = fits.get((search.terms[k].key, name)) or _exchanged(search, k, competitor)
+        other = fits.get((search.terms[k].key, name)) or _exchange_and_fit(search, k, competitor)
         if other is None:
             continue
-        nats[search.terms[k].key][name] = gain = log_marginal(other, search) - own
+        nats[search.terms[k].key][name] = gain = log_posterior(other, search) - own
         if gain > 0.0:
-            other.keep_stage()
+            other.record_stage()
             return other
     return None
 
 
-def fitted_competitors(
+def fit_competitors(
     search: Search, look: ModelStatistics
 ) -> tuple[dict[str, dict[str, float]], CompetitorFits, CompetitorKeys]:
     """Return the log odds of the competitors of each named term, fitted on a part of the blocks, the fits
     where that part is the whole drive, and the keys of their terms."""
     few = search.part()
     whole = len(search.setup.drive.time_s) / len(few.setup.drive.time_s)
-    own = few.copied()
+    own = few.fork()
     if whole > 1.0 and any(term.name != "unknown" for term in search.named):
         own.fit()
     own.error = own.prediction_error()
@@ -146,15 +144,15 @@ def fitted_competitors(
     for k, term in enumerate(search.terms):
         if term.nuisance or term.name == "unknown":
             continue
-        close = _close(look, k)
+        close = _close_competitors(look, k)
         if close:
-            likelihood, other = _parts(own, own, k)
+            likelihood, other = _posterior_parts(own, own, k)
             for competitor in close:
-                fitted = _exchanged(own, k, competitor)
+                fitted = _exchange_and_fit(own, k, competitor)
                 if fitted is None:
                     continue
                 at = [one.key for one in fitted.terms].index(competitor.key)
-                gain, rest = _parts(fitted, own, at)
+                gain, rest = _posterior_parts(fitted, own, at)
                 nats = whole * (gain - likelihood) + rest - other
                 out.setdefault(term.key, {})[competitor.name] = nats
                 keys[term.key, competitor.name] = frozenset(one.key for one in fitted.named)
@@ -163,8 +161,8 @@ def fitted_competitors(
     return out, fits, keys
 
 
-def _close(look: ModelStatistics, k: int) -> list[CandidateTerm]:
-    """Return the competitors that explain most of what a term explains, and those that its effect names."""
+def _close_competitors(look: ModelStatistics, k: int) -> list[CandidateTerm]:
+    """Return competitors with most of a term's evidence, and those that its effect names as confounded."""
     term, own = look.terms[k], look.evidence(k)
     competitors = look.competitors(k)
     best = {competitor.name: value for competitor, value in reversed(competitors)}
@@ -176,33 +174,33 @@ def _close(look: ModelStatistics, k: int) -> list[CandidateTerm]:
     return list(first.values())[: SETTINGS.tried]
 
 
-def _exchanged(own: Search, k: int, competitor: CandidateTerm) -> Search | None:
-    """Return the selection with a competitor in a term's place, fitted; None where it predicts worse."""
-    out = own.copied()
+def _exchange_and_fit(own: Search, k: int, competitor: CandidateTerm) -> Search | None:
+    """Return a copy with a competitor in place of term k, fitted; None where it predicts worse."""
+    out = own.fork()
     start = replace(competitor, jump=False)
     terms = [start if j == k else term for j, term in enumerate(out.terms)]
-    if not out.attempt(terms):
+    if not out.try_terms(terms):
         return None
-    out.settle()
-    if out.admit():
-        out.settle()
-    while _freed(out, competitor):
-        out.settle()
+    out.fit_until_converged()
+    if out.admit_nuisances():
+        out.fit_until_converged()
+    while _remove_needless_term(out, competitor):
+        out.fit_until_converged()
     return out
 
 
-def _freed(search: Search, kept: CandidateTerm) -> bool:
-    """Take out a term that is needless beside another one; False if there is none."""
+def _remove_needless_term(search: Search, kept: CandidateTerm) -> bool:
+    """Remove a term whose evidence is negative, other than `kept`; False if none was removed."""
     look = search.look([])
     for k, term in enumerate(search.terms):
         if term.key != kept.key and look.evidence(k) < 0.0:
-            return search.attempt([one for j, one in enumerate(search.terms) if j != k])
+            return search.try_terms([one for j, one in enumerate(search.terms) if j != k])
     return False
 
 
-def _parts(search: Search, judge: Search, k: int) -> tuple[float, float]:
-    """Return likelihood and the rest of the log posterior, the choice of a likeliest part with it."""
-    likelihood, rest = marginal_parts(search, judge)
+def _posterior_parts(search: Search, judge: Search, k: int) -> tuple[float, float]:
+    """Return log-likelihood and the rest of the log posterior, for the likeliest part of term k."""
+    likelihood, rest = log_posterior_parts(search, judge)
     if search.terms[k].separable:
-        rest += search.look([]).part_nats(k)
+        rest += search.look([]).best_part_nats(k)
     return likelihood, rest

@@ -13,8 +13,8 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import UNITS, Baseline
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.dynamics.certify import Replicates, certified
-from tpmsd.offline.dynamics.competitors import with_likeliest
+from tpmsd.offline.dynamics.certify import Replicates, certify_findings
+from tpmsd.offline.dynamics.competitors import exchange_for_likelier
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.findings import findings_of, not_detectable, nuisances_of
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics, fold_blocks, threshold_of
@@ -35,11 +35,11 @@ from tpmsd.offline.dynamics.result import (
 )
 from tpmsd.offline.dynamics.search import Search, SelectionState
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.stages import searched
+from tpmsd.offline.dynamics.stages import select_model
 
 
-def _silent(share: float) -> None:
-    """Take no notice of the progress."""
+def _ignore_progress(share: float) -> None:
+    """Ignore the progress."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # BandedFactor refuses what overflows
@@ -47,12 +47,12 @@ def diagnose_dynamics(
     baseline: Baseline,
     drive: DynamicsDrive,
     given: Sequence[DynamicsEffect] = (),
-    say: Callable[[float], None] = _silent,
+    say: Callable[[float], None] = _ignore_progress,
     replicates: Replicates | None = None,
     propose: bool = False,
     simulated: tuple[DynamicsEffect, ...] | None = None,
 ) -> DynamicsDiagnosis:
-    """Return what the drive holds that the baseline with the given effects leaves out.
+    """Return the effects that the drive shows and the baseline with the given effects lacks.
 
     With `replicates` each finding has a p-value that is counted; `propose` looks for a closed form of what
     has no name. `simulated` are the effects with which the baseline moves like the user's simulation that the
@@ -61,7 +61,7 @@ def diagnose_dynamics(
     names = tuple(effect.name for effect in given)
     drive = drive.bounded(SETTINGS.max_rows)
     moving = _moving_s(drive)
-    if reason := _too_little(drive, moving):
+    if reason := _reason_to_abstain(drive, moving):
         return DynamicsDiagnosis(
             INSUFFICIENT, reason, baseline.name, baseline.forces, names, moving, notes=drive.notes
         )
@@ -69,16 +69,16 @@ def diagnose_dynamics(
         name for name in UNITS if name in drive.outputs and name in baseline.outputs(tuple(given))
     )
     setup = Setup(baseline, drive, channels)
-    likeliest = with_likeliest(searched(setup, tuple(given), say, simulated or ()))
+    likeliest = exchange_for_likelier(select_model(setup, tuple(given), say, simulated or ()))
     search, look = likeliest.search, likeliest.look
-    found = findings_of(search, look, likeliest.competitors, likeliest.elsewhere())
+    found = findings_of(search, look, likeliest.competitors, likeliest.selections_without())
     threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
-    steps, outputs, curves = _compared(search)
+    steps, outputs, curves = _evaluate_stages(search)
     certificate = None
     if replicates is not None and replicates.most > 0:
-        found, certificate = certified(search, found, replicates, lambda share: say(0.7 + 0.3 * share))
+        found, certificate = certify_findings(search, found, replicates, lambda share: say(0.7 + 0.3 * share))
     verdict = MISMATCH if any(one.status == FINDING for one in found) else CONSISTENT
-    effects, stds = _model(search, look, found)
+    effects, stds = _extended_model(search, look, found)
     return DynamicsDiagnosis(
         verdict,
         "",
@@ -106,7 +106,7 @@ def diagnose_dynamics(
 
 @np.errstate(over="ignore", invalid="ignore")
 def effects_of_simulation(
-    baseline: Baseline, simulation: DynamicsDrive, say: Callable[[float], None] = _silent
+    baseline: Baseline, simulation: DynamicsDrive, say: Callable[[float], None] = _ignore_progress
 ) -> tuple[DynamicsEffect, ...]:
     """Return the effects with which the baseline moves like a simulation (`as_recorded`).
 
@@ -114,13 +114,13 @@ def effects_of_simulation(
     that moves otherwise.
     """
     simulation = simulation.bounded(SETTINGS.max_rows)
-    if _too_little(simulation, _moving_s(simulation)):
+    if _reason_to_abstain(simulation, _moving_s(simulation)):
         return ()
     channels = tuple(name for name in UNITS if name in simulation.outputs and name in baseline.outputs())
-    return with_likeliest(searched(Setup(baseline, simulation, channels), (), say)).search.theta
+    return exchange_for_likelier(select_model(Setup(baseline, simulation, channels), (), say)).search.theta
 
 
-def _model(
+def _extended_model(
     search: Search, look: ModelStatistics, found: Sequence[DynamicsFinding]
 ) -> tuple[tuple[DynamicsEffect, ...], tuple[dict[str, float], ...]]:
     """Return the effects of the extended model with their standard deviations; suspicions stay out of it."""
@@ -147,8 +147,8 @@ def likely_unit(step_s: float) -> str:
     return next(fits, "")
 
 
-def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
-    """Return why nothing can be concluded; empty if something can."""
+def _reason_to_abstain(drive: DynamicsDrive, moving_s: float) -> str:
+    """Return the reason why the drive allows no conclusion; empty if it allows one."""
     if not drive.outputs:
         return "no output of the baseline is recorded (yaw_rate_radps, accel_lat_mps2, velocity_lat_mps)"
     if len(drive.time_s) > 1 and (step_s := float(np.median(np.diff(drive.time_s)))) > SETTINGS.gap_s:
@@ -163,7 +163,9 @@ def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
     return ""
 
 
-def _compared(search: Search) -> tuple[tuple[SelectionStep, ...], dict[str, OutputFit], dict[str, Curves]]:
+def _evaluate_stages(
+    search: Search,
+) -> tuple[tuple[SelectionStep, ...], dict[str, OutputFit], dict[str, Curves]]:
     """Return errors of the outputs after each step and for the whole, and the outputs themselves, parameters
     fitted on the other folds."""
     setup = search.setup
@@ -207,7 +209,7 @@ def _ratings(
 
 
 def heldout(setup: Setup, stage: SelectionState) -> FloatArray:
-    """Return the outputs that the inputs give, each fold with parameters fitted on the others, (n, m)."""
+    """Return the (n, m) outputs predicted from the inputs, each fold with parameters fitted on the others."""
     drive = setup.drive
     out = np.full((len(drive.time_s), len(setup.channels)), np.nan)
     if all(theta == stage.by_fold[0] for theta in stage.by_fold):
@@ -220,6 +222,7 @@ def heldout(setup: Setup, stage: SelectionState) -> FloatArray:
 
 
 def _rms(values: FloatArray) -> float:
+    """Return the root mean square, NaN left out."""
     known = values[np.isfinite(values)]
     return math.sqrt(float(np.mean(known**2))) if len(known) else math.nan
 

@@ -70,11 +70,11 @@ def dynamics_document(diagnosis: DynamicsDiagnosis, model_file: str | None) -> d
             "loglik_gain_per_s": diagnosis.loglik_gain_per_s,
             "noise": dict(diagnosis.noise),
         },
-        **_where_there_are_any(diagnosis),
+        **_nonempty_lists(diagnosis),
     }
 
 
-def _where_there_are_any(diagnosis: DynamicsDiagnosis) -> dict[str, Any]:
+def _nonempty_lists(diagnosis: DynamicsDiagnosis) -> dict[str, Any]:
     """Return the lists of the document that are left out where they are empty."""
     lists = {
         "proposals": [asdict(one) for one in diagnosis.proposals],
@@ -86,6 +86,7 @@ def _where_there_are_any(diagnosis: DynamicsDiagnosis) -> dict[str, Any]:
 
 
 def _effect(one: DynamicsEffect) -> dict[str, Any]:
+    """Return the entry of an effect of the extended model."""
     return {
         "effect": one.name,
         "parameters": {p.name: {"value": getattr(one, p.name), "unit": p.unit} for p in one.numbers()},
@@ -93,14 +94,17 @@ def _effect(one: DynamicsEffect) -> dict[str, Any]:
 
 
 def _nuisance(one: FittedNuisance) -> dict[str, Any]:
+    """Return the entry of a fitted nuisance."""
     return {"effect": one.effect, "parameters": _parameters(one.parameters)}
 
 
 def _parameters(parameters: Mapping[str, FittedNumber]) -> dict[str, Any]:
+    """Return value, standard deviation and unit of each parameter, by name."""
     return {name: {"value": one.value, "std": one.std, "unit": one.unit} for name, one in parameters.items()}
 
 
 def _certificate(diagnosis: DynamicsDiagnosis) -> dict[str, Any] | None:
+    """Return the entry of the certificate; None without one."""
     one = diagnosis.certificate
     if one is None:
         return None
@@ -116,6 +120,7 @@ def _certificate(diagnosis: DynamicsDiagnosis) -> dict[str, Any] | None:
 
 
 def _where(finding: DynamicsFinding) -> dict[str, Any]:
+    """Return the entry of a finding's location."""
     where = finding.where
     return {
         "wheels": [],
@@ -127,6 +132,7 @@ def _where(finding: DynamicsFinding) -> dict[str, Any]:
 
 
 def _finding(finding: DynamicsFinding) -> dict[str, Any]:
+    """Return the entry of a finding."""
     out: dict[str, Any] = {
         "effect": finding.effect,
         "status": finding.status,

@@ -31,8 +31,8 @@ class PriorColumns:
     precision: FloatArray
 
 
-def joined(parts: Sequence[PriorColumns]) -> PriorColumns:
-    """Return several sets as one."""
+def join_columns(parts: Sequence[PriorColumns]) -> PriorColumns:
+    """Return several sets of columns as one."""
     index = tuple(k for part in parts for k in part.index)
     if not parts:
         return PriorColumns((), np.zeros(0), np.zeros(0))
@@ -91,7 +91,7 @@ class Statistics:
     def addition(
         self, given: PriorColumns, added: PriorColumns, held: Sequence[int] = (), values: Sequence[float] = ()
     ) -> Addition:
-        """Return what a set adds to another one, by the Schur complement of what is given."""
+        """Return gain statistics of added columns jointly with the given ones (Schur complement)."""
         a, s = np.array(added.index, dtype=int), np.array(given.index, dtype=int)
         information, gradient = self.information, self.gradient
         blocks = self.blocks.gradient
@@ -108,7 +108,7 @@ class Statistics:
             mix = np.zeros((0, len(a)))
             reduced, pull = information[np.ix_(a, a)], gradient[a]
         reduced = 0.5 * (reduced + reduced.T)
-        joint = joined([given, added])
+        joint = join_columns([given, added])
         estimate, _ = self.fit(joint, held, values)
         rows = np.array(joint.index, dtype=int)
         scores = blocks[:, rows] - self.blocks.information[:, rows[:, None], rows] @ estimate
@@ -132,7 +132,7 @@ class Addition:
 
     @property
     def visible(self) -> bool:
-        """Return True if the drive says anything about it."""
+        """Return True if the drive informs any of the columns."""
         diagonal = np.diag(self.information)
         return bool(np.all(diagonal > 1e-9 * self.columns.precision) and np.all(diagonal > 0.0))
 
@@ -140,13 +140,13 @@ class Addition:
     def overdispersion(self) -> float:
         """Return the variance of the blocks' scores over what the noise accounts for, at least 1."""
         size = len(self.gradient)
-        scaled = np.linalg.solve(_firm(self.information), self.scores.T @ self.scores)
+        scaled = np.linalg.solve(_regularised(self.information), self.scores.T @ self.scores)
         count = len(self.scores)
         ratio = float(np.trace(scaled)) / size * count / max(count - 1, 1)
         return max((PRIOR_BLOCKS + count * ratio) / (PRIOR_BLOCKS + count), 1.0)
 
     def log_evidence(self, ratio: float | None = None) -> float:
-        """Return the log Bayes factor for the set, its noise as large as the blocks say."""
+        """Return the log Bayes factor for the set, with the overdispersion `ratio`, else its own."""
         if not self.visible:
             return -np.inf
         ratio = self.overdispersion if ratio is None else ratio
@@ -160,24 +160,24 @@ class Addition:
 
     def gain(self) -> float:
         """Return the log-likelihood gain of the best fit, without priors or overdispersion."""
-        return 0.5 * float(self.gradient @ np.linalg.solve(_firm(self.information), self.gradient))
+        return 0.5 * float(self.gradient @ np.linalg.solve(_regularised(self.information), self.gradient))
 
     def p_value(self) -> float:
         """Return the two-sided p-value of the largest component, by Student's t over the blocks."""
         ratio = self.overdispersion
-        covariance = np.linalg.inv(_firm(self.information)) * ratio
+        covariance = np.linalg.inv(_regularised(self.information)) * ratio
         size = np.abs(covariance @ self.gradient / ratio) / np.sqrt(np.diag(covariance))
         tail = 2.0 * float(stdtr(max(len(self.scores) - 1, 1), -float(size.max())))
         return float(min(tail * len(size), 1.0))
 
-    def smallest(self, nats: float) -> FloatArray:
-        """Return for each column alone the size that would have reached this log evidence, (a,)."""
+    def sizes_at_evidence(self, nats: float) -> FloatArray:
+        """Return (a,) for each column alone the size that would reach this log evidence."""
         ratio = self.overdispersion
         information = np.maximum(np.diag(self.information) / ratio, 1e-300)
         occam = 0.5 * np.log1p(information / self.columns.precision)
         return np.asarray(np.sqrt(2.0 * (nats + occam) / information))
 
 
-def _firm(matrix: FloatArray) -> FloatArray:
-    """Return a matrix that can be inverted: a billionth of its diagonal more."""
+def _regularised(matrix: FloatArray) -> FloatArray:
+    """Return the matrix with its diagonal larger by a billionth, so that it can be inverted."""
     return matrix + np.diag(1e-9 * np.diag(matrix) + 1e-300)

@@ -55,7 +55,7 @@ def findings_of(
     that were fitted in a term's place; those of others are of first order. `elsewhere` are selections that
     lack a term, by its key, though another one is exchanged in them.
     """
-    slots = [_with_fitted(look.slot(k), fitted or {}) for k in range(len(search.terms))]
+    slots = [_with_fitted_competitors(look.slot(k), fitted or {}) for k in range(len(search.terms))]
     if not slots:
         return ()
     few = search.part(with_events=True)
@@ -65,18 +65,22 @@ def findings_of(
     for k, slot in enumerate(slots):
         if slot.term.nuisance:
             continue
-        without = _without(few, few.without(k))
+        without = _prediction_without(few, few.without(k))
         refitted = without
         if len(slots) > 1:
-            refitted = _without(few, (*few.base, *(term.effect for term in look.others_without(k))))
+            refitted = _prediction_without(
+                few, (*few.base, *(term.effect for term in look.refitted_others(k)))
+            )
         without_it = (elsewhere or {}).get(slot.term.key, ())
         one = _finding(search, few, slot, Guesses(with_all, without, refitted), alternatives, without_it)
         found.append(replace(one, term=k))
-    return suspected(with_a_cause(sorted(found, key=lambda one: -one.loglik_gain)))
+    return drop_unlikely_suspicions(
+        promote_strongest_suspicion(sorted(found, key=lambda one: -one.loglik_gain))
+    )
 
 
-def _with_fitted(slot: Slot, fitted: CompetitorNats) -> Slot:
-    """Return a slot with the evidence of the competitors that were fitted."""
+def _with_fitted_competitors(slot: Slot, fitted: CompetitorNats) -> Slot:
+    """Return a slot in which fitted competitors have their fitted evidence, best first."""
     known = fitted.get(slot.term.key, {})
     competitors = [
         (one, slot.evidence + known[one.name] if one.name in known else value)
@@ -85,14 +89,14 @@ def _with_fitted(slot: Slot, fitted: CompetitorNats) -> Slot:
     return replace(slot, competitors=tuple(sorted(competitors, key=lambda pair: -pair[1])))
 
 
-def suspected(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
-    """Return the findings, and the suspicions whose log odds are within those of confounded effects."""
+def drop_unlikely_suspicions(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
+    """Return the findings, and the suspicions whose odds are at least those of confounded effects."""
     least = 1.0 / (1.0 + math.exp(SETTINGS.confounded_nats))
     return tuple(one for one in found if one.status == FINDING or one.confidence >= least)
 
 
-def with_a_cause(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
-    """Return the findings; where something acts and no name is likelier than not, it is `unknown`.
+def promote_strongest_suspicion(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
+    """Return the findings; if there is none, the strongest suspicion becomes the finding `unknown`.
 
     The strongest of the suspicions that makes the prediction better says where it shows; its name and the
     effects confounded with it are listed as what it may be.
@@ -102,13 +106,13 @@ def with_a_cause(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...
     for k, one in enumerate(found):
         better = one.loglik_gain > 0.0 and one.rms_after < SETTINGS.min_fall * one.rms_before
         if one.p_value <= MAX_P_VALUE and better:
-            cause = one if one.effect == "unknown" else _without_its_name(one)
+            cause = one if one.effect == "unknown" else _as_unknown(one)
             return (*found[:k], replace(cause, status=FINDING), *found[k + 1 :])
     return tuple(found)
 
 
-def _without_its_name(one: DynamicsFinding) -> DynamicsFinding:
-    """Return a finding as one of a cause without a name, at the same place."""
+def _as_unknown(one: DynamicsFinding) -> DynamicsFinding:
+    """Return a finding with the name `unknown` at the same place, its own name among those it may be."""
     return replace(
         one,
         effect="unknown",
@@ -141,8 +145,8 @@ class Guesses:
     """Without it, the others fitted again."""
 
 
-def _without(few: Search, theta: Theta) -> FloatArray:
-    """Return the prediction of a model that lacks one of the terms."""
+def _prediction_without(few: Search, theta: Theta) -> FloatArray:
+    """Return the (n, m) prediction by these effects, some of those of the model."""
     setup = few.setup
     names, fewer = setup.states(few.theta), setup.states(theta)
     rows = [names.index(name) for name in fewer]
@@ -158,6 +162,7 @@ def _finding(
     alternatives: int,
     elsewhere: Sequence[CompetingSelection],
 ) -> DynamicsFinding:
+    """Return the finding or suspicion for a term of the model."""
     setup, term = search.setup, slot.term
     with_all, without = guesses.with_all, guesses.without
     change = with_all - without
@@ -178,18 +183,18 @@ def _finding(
     odds = [value - slot.evidence for _, value in competitors] + [one.nats for one in elsewhere]
     confounded_with = _confounded_with(search, competitors, slot.evidence, elsewhere)
     against = sum(math.exp(min(nats, 50.0)) for nats in odds)
-    against += odds_of_nothing(slot.evidence, slot.distance)
-    with_nameless_term = search.may_be_proxy and search.nameless_there and term.name != "unknown"
+    against += odds_of_neutral_values(slot.evidence, slot.distance)
+    with_nameless_term = search.may_be_proxy and search.has_unnamed_term and term.name != "unknown"
     against += math.exp(min(term.proxy_nats, 50.0))
     if search.competitor is not None and term.key not in search.competitor.keys:
         against += math.exp(min(search.competitor.nats, 50.0))
     if term.name != "unknown":
         time_s = few.setup.drive.time_s
-        stays = left_over(readings, guesses.refitted, with_all, search.noise.outputs, time_s)
+        stays = unexplained_ratio(readings, guesses.refitted, with_all, search.noise.outputs, time_s)
         blocks = len(setup.drive.starts)
-        against += math.hypot(stays, spread_of_blocks(slot.overdispersion, slot.distance, blocks))
+        against += math.hypot(stays, relative_block_spread(slot.overdispersion, slot.distance, blocks))
     confidence = 1.0 / (1.0 + against)
-    doubtful = likelier_not(against, odds)
+    doubtful = is_improbable(against, odds)
     return DynamicsFinding(
         effect=term.name,
         status=SUSPICION if p_value > MAX_P_VALUE or doubtful else FINDING,
@@ -218,8 +223,7 @@ def _confounded_with(
     evidence: float,
     elsewhere: Sequence[CompetingSelection],
 ) -> tuple[str, ...]:
-    """Return the names in a term's place, and those of the selections that do without it, that are about as
-    likely."""
+    """Return the names about as likely in a term's place, and those of other selections without it."""
     least = -SETTINGS.confounded_nats
     names = [name for name, value in competitors if value - evidence > least]
     own = {term.key for term in search.terms}
@@ -228,8 +232,8 @@ def _confounded_with(
     return tuple(dict.fromkeys(names))
 
 
-def likelier_not(against: float, competitors: Sequence[float]) -> bool:
-    """Return True if neither a name nor a competing one of about its evidence is likelier than all the rest.
+def is_improbable(against: float, competitors: Sequence[float]) -> bool:
+    """Return True if a name, together with competitors of about its evidence, is less likely than the rest.
 
     `against` are the odds against the name; `competitors` the log odds of competing names, nats, summed in
     them.
@@ -238,8 +242,8 @@ def likelier_not(against: float, competitors: Sequence[float]) -> bool:
     return against - similar > 1.0 + similar
 
 
-def odds_of_nothing(evidence: float, distance: float) -> float:
-    """Return the odds that a term's values are those that do nothing, by its log evidence (nats).
+def odds_of_neutral_values(evidence: float, distance: float) -> float:
+    """Return the odds that a term's values are the neutral ones, by its log evidence (nats).
 
     A Bayes factor is at most exp(d^2 / 2) ([Edwards 1963]), with `distance` d^2 in squared standard
     deviations: a value whose interval holds the default is hardly better than none, whatever the fit gains.
@@ -247,10 +251,10 @@ def odds_of_nothing(evidence: float, distance: float) -> float:
     return math.exp(min(-min(evidence, 0.5 * distance), 50.0))
 
 
-def left_over(
+def unexplained_ratio(
     readings: FloatArray, without: FloatArray, with_all: FloatArray, noise: FloatArray, time_s: FloatArray
 ) -> float:
-    """Return the error of the prediction that stays over the part of it that a term takes away.
+    """Return the prediction error left with a term over the error that the term removes.
 
     Both are root mean squares beyond the noise of a reading, in its standard deviations, over all outputs:
     the tangent of the angle between what is missing and the name's part of it. Under a random direction in
@@ -259,10 +263,10 @@ def left_over(
     """
     before, after = ((readings - guess) / noise for guess in (without, with_all))
     taken = float(np.sum(np.nanmean(before**2, axis=0) - np.nanmean(after**2, axis=0)))
-    return math.sqrt(max(lasting(after, time_s), 0.0) / max(taken, 1e-9))
+    return math.sqrt(max(correlated_mean_square(after, time_s), 0.0) / max(taken, 1e-9))
 
 
-def spread_of_blocks(overdispersion: float, distance: float, blocks: int) -> float:
+def relative_block_spread(overdispersion: float, distance: float, blocks: int) -> float:
     """Return the spread of a term's value between blocks, beyond the noise, over the value.
 
     It is the other part of what is missing: a constant of the car is the same in all blocks. `distance` is
@@ -271,11 +275,11 @@ def spread_of_blocks(overdispersion: float, distance: float, blocks: int) -> flo
     return math.sqrt(blocks * max(1.0 - 1.0 / overdispersion, 0.0) / max(distance, 1e-9))
 
 
-def lasting(errors: FloatArray, time_s: FloatArray) -> float:
-    """Return the mean square that neighbouring rows share, summed over the outputs; NaN are left out.
+def correlated_mean_square(errors: FloatArray, time_s: FloatArray) -> float:
+    """Return the mean product of errors of neighbouring rows, summed over outputs; NaN are left out.
 
-    The mean product of rows no farther apart than a disturbance lasts: that of white noise is 0, whatever its
-    size, and with many pairs it is known several times better than a mean square less that of the noise.
+    Rows are no farther apart than a disturbance lasts. For white noise it is 0, whatever its size,
+    and with many pairs it is known several times better than a mean square less that of the noise.
     """
     step = float(np.median(np.diff(time_s)))
     total, count = np.zeros(errors.shape[1]), np.zeros(errors.shape[1])
@@ -301,6 +305,7 @@ def _residuals(
     count = np.maximum(np.bincount(which, minlength=BINS), 1)
 
     def mean(values: FloatArray) -> FloatArray:
+        """Return the (BINS,) means of values by bin."""
         return np.asarray(np.bincount(which, values, minlength=BINS) / count)
 
     after = reading[known] - with_all[known]
@@ -315,6 +320,7 @@ def _covariate(effect: DynamicsEffect) -> str:
 
 
 def _quantities(slot: Slot) -> dict[str, FittedNumber]:
+    """Return the term's fitted numbers by name: a spline's amplitude, else its parameters."""
     term = slot.term
     if term.free and term.free[0].startswith("heights["):
         size = float(np.std(term.values()))
@@ -342,6 +348,7 @@ def unit_of(effect: DynamicsEffect) -> str:
 
 
 def _shape(slot: Slot) -> tuple[tuple[float, float, float], ...]:
+    """Return (knot, height, standard deviation) of a spline; empty for other effects."""
     effect = slot.term.effect
     knots: Sequence[float] = getattr(effect, "knots", ())
     return tuple(
@@ -367,8 +374,7 @@ def _location(setup: Setup, few: Search, slot: Slot, channel: str, change: Float
 
 
 def not_detectable(search: Search, look: ModelStatistics, threshold: float) -> tuple[UndetectableEffect, ...]:
-    """Return the effects that would have had to be larger than typical to be found, with the sizes it
-    takes."""
+    """Return the effects that this drive shows only if larger than typical, with the sizes needed."""
     out = []
     done: set[str] = set()
     for k, term in enumerate(look.offered):
@@ -380,7 +386,7 @@ def not_detectable(search: Search, look: ModelStatistics, threshold: float) -> t
             units = {name: (None, term.effect.unit_of(name)) for name in term.free}
             out.append(UndetectableEffect(term.name, units))
             continue
-        sizes = dict(zip(term.free, addition.smallest(threshold), strict=True))
+        sizes = dict(zip(term.free, addition.sizes_at_evidence(threshold), strict=True))
         typical = typical_values(term)
         if all(sizes[name] > typical[name] for name in term.free):
             out.append(

@@ -24,11 +24,17 @@ from tpmsd.car.physics.dynamics_effects.winds import DynamicsHeadWind, SideWind
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import BoolArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, join_columns
 from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import CandidateTerm, hats, spaced, spline_term, within_rows
+from tpmsd.offline.dynamics.terms import (
+    CandidateTerm,
+    drop_points_without_rows,
+    hat_functions,
+    spaced_knots,
+    spline_term,
+)
 
 SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6, "force_front": 0.6, "force_rear": 0.6}
 """Prior standard deviations of a term without a name on an equation: m/s2, of the moment rad/s2."""
@@ -51,50 +57,53 @@ def located_terms(search: Search) -> list[LocatedTerm]:
 
 
 def slopes(search: Search) -> list[LocatedTerm]:
-    """Return slopes across and along the road as splines over time, one of each the model does not have,
-    best first."""
-    seen = search.seen
+    """Return candidate road slopes (bank, grade) as splines over time that the model lacks, best first."""
+    seen = search.cached_statistics
     if seen.slopes is None:
         seen.slopes = _slopes(search)
     return seen.slopes
 
 
 def _slopes(search: Search) -> list[LocatedTerm]:
+    """Compute the result of `slopes`."""
     time = search.setup.drive.time_s
     knots = _time_knots(time)
     flat = (0.0,) * len(knots)
     there = {effect.name for effect in search.theta}
     terms = []
-    if DynamicsRoadBank.name not in there and _slow(search, DynamicsRoadBank((0.0, 1.0), (1e-3, 1e-3))):
+    if DynamicsRoadBank.name not in there and _scores_vary_slowly(
+        search, DynamicsRoadBank((0.0, 1.0), (1e-3, 1e-3))
+    ):
         terms.append(spline_term(DynamicsRoadBank(knots, flat), SETTINGS.bank_std_rad))
     grade = search.setup.baseline.forces and DynamicsRoadGrade.name not in there
-    if grade and _slow(search, DynamicsRoadGrade((0.0, 1.0), (1e-3, 1e-3))):
+    if grade and _scores_vary_slowly(search, DynamicsRoadGrade((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(DynamicsRoadGrade(knots, flat), SETTINGS.grade_std_rad))
-    return sorted(_scored(search, terms), key=lambda located: -located.evidence)
+    return sorted(_score_terms(search, terms), key=lambda located: -located.evidence)
 
 
-def _slow(search: Search, flat: DynamicsRoadBank | DynamicsRoadGrade) -> bool:
-    """Return True if the scores of a slope vary slowly enough for a proper look."""
+def _scores_vary_slowly(search: Search, flat: DynamicsRoadBank | DynamicsRoadGrade) -> bool:
+    """Return True if the scores of a slope vary slowly enough to compute its evidence."""
     scores = row_scores(search, Probe((*search.theta, flat), 1e-3))
     return slow_share(search, scores, SETTINGS.time_knot_s) > SETTINGS.slow_share
 
 
-def _scored(search: Search, terms: list[CandidateTerm], penalty: float = 0.0) -> list[LocatedTerm]:
+def _score_terms(search: Search, terms: list[CandidateTerm], penalty: float = 0.0) -> list[LocatedTerm]:
+    """Return the terms that the drive informs, with their log evidence less the penalty."""
     if not terms:
         return []
     look = search.look(terms)
     out = []
     for k, term in enumerate(terms):
-        term_columns = _seen(look.statistics, look.added[k])
+        term_columns = _informed_columns(look.statistics, look.added[k])
         if len(term_columns.index) < 2:
             continue
-        addition = look.statistics.addition(joined(look.columns), term_columns)
+        addition = look.statistics.addition(join_columns(look.columns), term_columns)
         out.append(LocatedTerm(term, addition.log_evidence() - penalty))
     return out
 
 
-def _seen(statistics: Statistics, columns: PriorColumns) -> PriorColumns:
-    """Return the columns of which the drive says anything."""
+def _informed_columns(statistics: Statistics, columns: PriorColumns) -> PriorColumns:
+    """Return the columns that the drive informs."""
     rows = np.array(columns.index, dtype=int)
     seen = np.diag(statistics.information)[rows] > 1e-3 * columns.precision
     return PriorColumns(tuple(rows[seen].tolist()), columns.offset[seen], columns.precision[seen])
@@ -106,8 +115,8 @@ def _seen(statistics: Statistics, columns: PriorColumns) -> PriorColumns:
 def _winds(search: Search) -> list[LocatedTerm]:
     """Return the likeliest span of wind from the side, and from ahead where speed is an output."""
     time = search.setup.drive.time_s
-    boxes = spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s)
-    edges = within_rows(np.array(boxes), time)
+    boxes = spaced_knots(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s)
+    edges = drop_points_without_rows(np.array(boxes), time)
     out = []
     for kind in (SideWind, *((DynamicsHeadWind,) if search.setup.baseline.forces else ())):
         there = [effect for effect in search.theta if isinstance(effect, kind)]
@@ -118,8 +127,8 @@ def _winds(search: Search) -> list[LocatedTerm]:
         if largest_span(search, scores, SETTINGS.wind_box_s) < SETTINGS.span_sizes:
             continue
         prior = next(p.prior for p in kind.numbers() if p.prior is not None)
-        addition = _boxes(search, moved, edges, prior.std)
-        ratio = _ratio(addition.scores, addition.information)
+        addition = _wind_box_addition(search, moved, edges, prior.std)
+        ratio = _box_overdispersion(addition.scores, addition.information)
         middle = 0.5 * (edges[:-1] + edges[1:])
         taken = np.zeros(len(middle), dtype=bool)
         for one in there:
@@ -128,7 +137,7 @@ def _winds(search: Search) -> list[LocatedTerm]:
         if not spans:
             continue
         first, last, coarse = spans[0]
-        span = _edges(search, moved, (float(edges[first]), float(edges[last])), prior.std, ratio)
+        span = _refine_span(search, moved, (float(edges[first]), float(edges[last])), prior.std, ratio)
         # a spline over time explains all gusts at once: against it they count together
         evidence = max(coarse, span.evidence - _log_spans(len(middle))) + sum(gain for *_, gain in spans[1:])
         effect = kind(0.0, span.onset_s, span.duration_s)
@@ -139,8 +148,8 @@ def _winds(search: Search) -> list[LocatedTerm]:
     return out
 
 
-def _boxes(search: Search, moved: Theta, edges: FloatArray, std: float) -> Addition:
-    """Return what a wind in each span between neighbouring edges adds to the model."""
+def _wind_box_addition(search: Search, moved: Theta, edges: FloatArray, std: float) -> Addition:
+    """Return gain statistics of a wind, one column for each span between neighbouring edges."""
     time = search.setup.drive.time_s
     columns, probes = search.own(0)
     boxes = [
@@ -151,7 +160,7 @@ def _boxes(search: Search, moved: Theta, edges: FloatArray, std: float) -> Addit
     count = len(boxes)
     index = tuple(range(len(probes), len(probes) + count))
     added = PriorColumns(index, np.zeros(count), np.full(count, std**-2))
-    return statistics.addition(joined(columns), added)
+    return statistics.addition(join_columns(columns), added)
 
 
 @dataclass(frozen=True)
@@ -166,7 +175,9 @@ class WindSpan:
     """Log evidence for the wind, the mean over begins and ends near the coarse ones."""
 
 
-def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float, ratio: float) -> WindSpan:
+def _refine_span(
+    search: Search, moved: Theta, coarse: tuple[float, float], std: float, ratio: float
+) -> WindSpan:
     """Return the likeliest begin and end near those of a coarse span, with the spread of their posterior."""
     time, reach, step = search.setup.drive.time_s, SETTINGS.wind_box_s, SETTINGS.wind_edge_s
     offsets = np.arange(-reach, reach + 0.5 * step, step)
@@ -178,7 +189,7 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
     ends = ends[(ends >= middle + 0.5 * step) & (ends <= time[-1] + step)]
     begins = begins if len(begins) else np.array([max(coarse[0], float(time[0]))])
     ends = ends if len(ends) else np.array([coarse[1]])
-    addition = _boxes(search, moved, np.concatenate([begins, ends]), std)
+    addition = _wind_box_addition(search, moved, np.concatenate([begins, ends]), std)
     total = np.zeros((len(begins) + len(ends),) * 2)
     total[1:, 1:] = np.cumsum(np.cumsum(addition.information, axis=0), axis=1) / ratio
     pull = np.concatenate([[0.0], np.cumsum(addition.gradient)]) / ratio
@@ -193,6 +204,7 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
     best = np.unravel_index(int(np.argmax(gain)), gain.shape)
 
     def deviation(values: FloatArray) -> float:
+        """Return the posterior standard deviation over the spans."""
         about = float(np.sum(weight * values))
         return math.sqrt(float(np.sum(weight * (values - about) ** 2)))
 
@@ -205,8 +217,8 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
     return WindSpan(max(float(onset[best]), 0.0), float(duration[best]), spread, evidence)
 
 
-def _ratio(scores: FloatArray, information: FloatArray) -> float:
-    """Return the overdispersion of single boxes, each of which mostly has a block of its own."""
+def _box_overdispersion(scores: FloatArray, information: FloatArray) -> float:
+    """Return the overdispersion by the median over boxes, at least 1."""
     size = np.sum(scores**2, axis=0) / np.maximum(np.diag(information), 1e-300)
     return max(float(np.median(size) / 0.455), 1.0)
 
@@ -214,8 +226,7 @@ def _ratio(scores: FloatArray, information: FloatArray) -> float:
 def _best_spans(
     addition: Addition, std: float, ratio: float, taken: BoolArray, most: int
 ) -> list[tuple[int, int, float]]:
-    """Return first and last edge of the span with the largest evidence outside of those taken, and that; then
-    those of further spans apart from it whose evidence is positive."""
+    """Return (first edge, last edge, log evidence) of the best free span, then of further positive ones."""
     taken = taken.copy()
     out: list[tuple[int, int, float]] = []
     while len(out) < most and not taken.all():
@@ -228,7 +239,7 @@ def _best_spans(
 
 
 def _best_span(addition: Addition, std: float, ratio: float, taken: BoolArray) -> tuple[int, int, float]:
-    """Return first and last edge of the span with the largest evidence outside of those taken, and that."""
+    """Return (first edge, last edge, log evidence) of the best span without boxes that are taken."""
     n = len(addition.gradient)
     total = np.zeros((n + 1, n + 1))
     total[1:, 1:] = np.cumsum(np.cumsum(addition.information, axis=0), axis=1) / ratio
@@ -249,7 +260,7 @@ def _longest(boxes: int) -> int:
 
 
 def _log_spans(boxes: int) -> float:
-    """Return the log of how many spans there are."""
+    """Return the log of the number of possible spans."""
     longest = _longest(boxes)
     return math.log(longest * boxes - longest * (longest - 1) // 2)
 
@@ -258,14 +269,15 @@ def _log_spans(boxes: int) -> float:
 
 
 def nameless(search: Search) -> list[LocatedTerm]:
-    """Return terms without a name, each equation and output over each covariate."""
-    seen = search.seen
+    """Return unnamed splines, for each equation and output over each covariate, best first."""
+    seen = search.cached_statistics
     if seen.nameless is None:
         seen.nameless = _nameless(search)
     return seen.nameless
 
 
 def _nameless(search: Search) -> list[LocatedTerm]:
+    """Compute the result of `nameless`."""
     values = search.covariates
     sizes = _sizes(search)
     taken = {(effect.on, effect.over) for effect in search.theta if isinstance(effect, DynamicsUnknown)}
@@ -291,11 +303,13 @@ def _nameless(search: Search) -> list[LocatedTerm]:
             slow = slow_share(search, scores[effect.on], SETTINGS.time_knot_s)
             p_value, gain = (1.0 if slow < SETTINGS.slow_share else 1e-4 / slow), 0.0
         else:
-            p_value, gain = block_test(search, scores[effect.on], hats(values[effect.over], effect.knots))
+            p_value, gain = block_test(
+                search, scores[effect.on], hat_functions(values[effect.over], effect.knots)
+            )
         found.append((p_value, -gain, k))
     found.sort()
     likely = [terms[k] for p_value, _, k in found[: SETTINGS.nameless_looked] if p_value < SETTINGS.screen_p]
-    return sorted(_scored(search, likely, penalty), key=lambda located: -located.evidence)
+    return sorted(_score_terms(search, likely, penalty), key=lambda located: -located.evidence)
 
 
 def _sizes(search: Search) -> dict[str, float]:
@@ -312,7 +326,7 @@ def nameless_penalty(search: Search) -> float:
 
 
 def _knots(values: FloatArray, over: str) -> tuple[float, ...]:
-    """Return knots over a covariate: even steps over time, quantiles mixed with even steps over others."""
+    """Return knots over a covariate, even between its 0.5 and 99.5 % quantiles; empty if constant."""
     if over == "time":
         return _time_knots(values)
     low, high = (float(x) for x in np.quantile(values, [0.005, 0.995]))
@@ -322,14 +336,14 @@ def _knots(values: FloatArray, over: str) -> tuple[float, ...]:
 
 
 def _time_knots(time_s: FloatArray) -> tuple[float, ...]:
-    """Return knots over time, those in long pauses left out: no row depends on them."""
-    knots = spaced(float(time_s[0]), float(time_s[-1]), SETTINGS.time_knot_s)
-    return tuple(map(float, within_rows(np.array(knots), time_s)))
+    """Return knots over time without those in long pauses, on which no row depends."""
+    knots = spaced_knots(float(time_s[0]), float(time_s[-1]), SETTINGS.time_knot_s)
+    return tuple(map(float, drop_points_without_rows(np.array(knots), time_s)))
 
 
-def refined(search: Search, located: LocatedTerm) -> CandidateTerm:
-    """Return the term of a place with heights or a size fitted, ready to be added."""
+def fit_located_term(search: Search, located: LocatedTerm) -> CandidateTerm:
+    """Return the located term with its heights or size fitted jointly with the model."""
     look = search.look([located.term])
-    estimate, _ = look.statistics.fit(joined([*look.columns, look.added[0]]))
+    estimate, _ = look.statistics.fit(join_columns([*look.columns, look.added[0]]))
     own = estimate[len(estimate) - len(located.term.free) :]
     return replace(located.term.moved(own))

@@ -18,7 +18,7 @@ from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import BlockGram
-from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, join_columns
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import CandidateTerm
 
@@ -43,7 +43,7 @@ class Slot:
 
 
 def fold_blocks(blocks: int) -> list[IntArray]:
-    """Return the blocks of each fold, neighbours together."""
+    """Return the block indices of each fold; neighbouring blocks share a fold."""
     return [part for part in np.array_split(np.arange(blocks), SETTINGS.folds) if len(part)]
 
 
@@ -58,32 +58,32 @@ class ModelStatistics:
     offered: list[CandidateTerm]
     added: list[PriorColumns]
 
-    def only(self, offered: Sequence[CandidateTerm]) -> ModelStatistics | None:
+    def restricted_to_offers(self, offered: Sequence[CandidateTerm]) -> ModelStatistics | None:
         """Return the statistics with some of the offered terms; None where one of them was not offered."""
-        indices = {identity(term): k for k, term in enumerate(self.offered)}
-        rows = [indices.get(identity(term)) for term in offered]
+        indices = {column_identity(term): k for k, term in enumerate(self.offered)}
+        rows = [indices.get(column_identity(term)) for term in offered]
         known = [k for k in rows if k is not None]
         if len(known) < len(rows):
             return None
         return replace(self, offered=list(offered), added=[self.added[k] for k in known])
 
-    def on(self, blocks: slice) -> ModelStatistics:
-        """Return the statistics of some of the blocks."""
+    def restricted_to_blocks(self, blocks: slice) -> ModelStatistics:
+        """Return the same statistics from some of the blocks."""
         gram = self.statistics.blocks
         return replace(
             self, statistics=Statistics(BlockGram(gram.information[blocks], gram.gradient[blocks]))
         )
 
     def addition(self, k: int) -> Addition:
-        """Return what an offered term adds."""
-        return self.statistics.addition(joined(self.columns), self.added[k])
+        """Return the gain statistics of an offered term."""
+        return self.statistics.addition(join_columns(self.columns), self.added[k])
 
     def score(self, k: int) -> float:
         """Return the log evidence of an offered term, less the choice among its alternatives."""
         addition = self.addition(k)
-        if not addition.visible or not possible(self.offered[k], addition.estimate):
+        if not addition.visible or not is_admissible(self.offered[k], addition.estimate):
             return -math.inf
-        return self._offered_evidence(k, addition, joined(self.columns))
+        return self._offered_evidence(k, addition, join_columns(self.columns))
 
     def _offered_evidence(
         self,
@@ -103,12 +103,11 @@ class ModelStatistics:
         return max(values) - math.log(term.alternatives * len(values))
 
     def loss(self, k: int) -> tuple[float, Addition]:
-        """Return the nats that are lost without a term, its noise as large as the blocks say, and what it
-        adds."""
+        """Return the log-likelihood lost without a term, over its overdispersion, and its gain statistics."""
         rest = [columns for j, columns in enumerate(self.columns) if j != k]
-        own = self.statistics.addition(joined(rest), self.columns[k])
-        full = self._penalised(joined(self.columns), (), ())
-        less = self._penalised(joined(rest), *self.removal[k])
+        own = self.statistics.addition(join_columns(rest), self.columns[k])
+        full = self._penalised(join_columns(self.columns), (), ())
+        less = self._penalised(join_columns(rest), *self.removal[k])
         return (full - less) / own.overdispersion, own
 
     def evidence(self, k: int) -> float:
@@ -117,8 +116,8 @@ class ModelStatistics:
         values = self._evidences(k)
         return float(max(values) - math.log(self.terms[k].alternatives * len(values)))
 
-    def part_nats(self, k: int) -> float:
-        """Return what the choice of the likeliest part adds to the log evidence of a term of the model."""
+    def best_part_nats(self, k: int) -> float:
+        """Return the nats that the choice of the likeliest part adds to the log evidence of a term."""
         values = self._evidences(k)
         return float(max(values) - values[0] - math.log(len(values)))
 
@@ -131,24 +130,23 @@ class ModelStatistics:
         occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
         values = [float(loss - occam)]
         if self.terms[k].separable:
-            less = loss - self._penalised(joined(self.columns), (), ()) / ratio
+            less = loss - self._penalised(join_columns(self.columns), (), ()) / ratio
             for j in range(len(prior)):
                 occam = 0.5 * math.log(1.0 + own.information[j, j] / ratio / prior[j])
-                values.append(float(less + self._with_part(k, j) / ratio - occam))
+                values.append(float(less + self._penalised_with_one_value(k, j) / ratio - occam))
         return values
 
-    def _with_part(self, k: int, j: int) -> float:
-        """Return the log-likelihood with priors where of a term of the model only one value is free, the
-        others those that do nothing."""
+    def _penalised_with_one_value(self, k: int, j: int) -> float:
+        """Return the penalised log-likelihood with only value j of term k free, its others neutral."""
         term, own = self.terms[k], self.columns[k]
         one = PriorColumns((own.index[j],), own.offset[[j]], own.precision[[j]])
         others = [i for i in range(len(own.index)) if i != j]
         held = [term.neutral.get(term.free[i], 0.0) - term.value(term.free[i]) for i in others]
         rest = [columns for i, columns in enumerate(self.columns) if i != k]
-        return self._penalised(joined([*rest, one]), [own.index[i] for i in others], held)
+        return self._penalised(join_columns([*rest, one]), [own.index[i] for i in others], held)
 
     def _penalised(self, free: PriorColumns, held: Sequence[int], values: Sequence[float]) -> float:
-        """Return the log-likelihood with priors at the best values of the free columns."""
+        """Return the maximum of log-likelihood plus log prior over the free columns."""
         held_values = np.array(values, dtype=float)
         if not free.index:
             return self.statistics.log_likelihood(held, held_values)
@@ -158,24 +156,24 @@ class ModelStatistics:
 
     def competitors(self, k: int) -> list[tuple[CandidateTerm, float]]:
         """Return the offered terms in the place of one of the model's, with their evidence, best first."""
-        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
+        rest = join_columns([columns for j, columns in enumerate(self.columns) if j != k])
         ratio = self.statistics.addition(rest, self.columns[k]).overdispersion
         best: dict[str, tuple[CandidateTerm, float]] = {}
         for i, (term, columns) in enumerate(zip(self.offered, self.added, strict=True)):
             if set(columns.index) & set(self.removal[k][0]):
                 continue
             addition = self.statistics.addition(rest, columns, *self.removal[k])
-            if not addition.visible or not possible(term, addition.estimate):
+            if not addition.visible or not is_admissible(term, addition.estimate):
                 continue
             value = self._offered_evidence(i, addition, rest, self.removal[k], max(ratio, 1.0))
             if term.key not in best or value > best[term.key][1]:
                 best[term.key] = (term, value)
         return sorted(best.values(), key=lambda pair: -pair[1])
 
-    def others_without(self, k: int) -> list[CandidateTerm]:
-        """Return the other terms of the model as they are fitted without one of them."""
+    def refitted_others(self, k: int) -> list[CandidateTerm]:
+        """Return the other terms of the model, refitted without term k."""
         others = [j for j in range(len(self.terms)) if j != k]
-        rest = joined([self.columns[j] for j in others])
+        rest = join_columns([self.columns[j] for j in others])
         step = self.statistics.fit(rest, *self.removal[k])[0] if others else np.zeros(0)
         out = []
         for j in others:
@@ -186,9 +184,9 @@ class ModelStatistics:
 
     def heldout(self, k: int) -> float:
         """Return the nats that a term of the model gains on held-out blocks."""
-        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
+        rest = join_columns([columns for j, columns in enumerate(self.columns) if j != k])
         held, values = self.removal[k]
-        everything = joined(self.columns)
+        everything = join_columns(self.columns)
         gain = 0.0
         for blocks in fold_blocks(len(self.statistics.blocks.gradient)):
             estimate, _ = self.statistics.fit(everything, left_out=blocks)
@@ -201,9 +199,9 @@ class ModelStatistics:
         return gain
 
     def slot(self, k: int) -> Slot:
-        """Return a term of the model with everything that is said of it."""
+        """Return term k with its evidence, uncertainty, p-value, competitors and held-out gain."""
         loss, own = self.loss(k)
-        _, covariance = self.statistics.fit(joined(self.columns))
+        _, covariance = self.statistics.fit(join_columns(self.columns))
         first = sum(len(columns.index) for columns in self.columns[:k])
         rows = slice(first, first + len(self.columns[k].index))
         covariance = covariance[rows, rows] * own.overdispersion
@@ -221,24 +219,24 @@ class ModelStatistics:
             size,
             own.overdispersion,
             np.sqrt(np.diag(covariance) + spread**2),
-            p_value_of(size, len(away), len(self.statistics.blocks.gradient)),
+            p_value_of_distance(size, len(away), len(self.statistics.blocks.gradient)),
             tuple(self.competitors(k)),
             self.heldout(k),
         )
 
 
-def identity(term: CandidateTerm) -> tuple[DynamicsEffect, tuple[str, ...], bool]:
-    """Return what tells the columns of a term from those of others."""
+def column_identity(term: CandidateTerm) -> tuple[DynamicsEffect, tuple[str, ...], bool]:
+    """Return the key that identifies the columns of a term."""
     return term.effect, term.free, term.jump
 
 
-def p_value_of(size: float, count: int, blocks: int) -> float:
+def p_value_of_distance(size: float, count: int, blocks: int) -> float:
     """Return the p-value of a squared distance of `count` values, by Fisher's F: blocks tell the variance."""
     return float(fdtrc(count, max(blocks - 1, 1), max(size, 0.0) / count))
 
 
-def possible(term: CandidateTerm, estimate: FloatArray) -> bool:
-    """Return True if a fit gives an effect of one sign that sign, and a grid's value a part of itself."""
+def is_admissible(term: CandidateTerm, estimate: FloatArray) -> bool:
+    """Return True if the estimate has the effect's allowed sign, or for a grid value is over 0.2 of it."""
     if term.jump:
         return bool(estimate[0] > 0.2)
     return not term.effect.positive or bool(estimate[0] > 0.0)

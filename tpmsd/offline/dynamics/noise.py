@@ -36,8 +36,8 @@ class PathNoise:
             [self.white**2 * dt_s[:, None], self.disturbance**2 * (1.0 - decay)[:, None]], axis=1
         )
 
-    def of(self, states: Sequence[str], other: PathNoise | None = None) -> PathNoise:
-        """Return the noise of these states; of those that are not in this one `other` has it."""
+    def for_states(self, states: Sequence[str], other: PathNoise | None = None) -> PathNoise:
+        """Return the noise for these states, from `other` for those that this one lacks."""
         known: dict[str, tuple[float, float]] = {}
         for one in (self,) if other is None else (other, self):
             known.update(zip(one.states, zip(one.white, one.start, strict=True), strict=True))
@@ -45,8 +45,8 @@ class PathNoise:
         return replace(self, states=tuple(states), white=white, start=start)
 
 
-def least(sizes: Mapping[str, float], disturbances: Sequence[str], outputs: FloatArray) -> PathNoise:
-    """Return the least noise of states of these sizes, by name, and of these disturbances and outputs."""
+def least_noise(sizes: Mapping[str, float], disturbances: Sequence[str], outputs: FloatArray) -> PathNoise:
+    """Return the lower bounds of the noise, for states of these sizes and these disturbances and outputs."""
     white = dict(zip(("v", "r", "u"), SETTINGS.min_white, strict=True))
     start = dict(zip(("v", "r", "u"), SETTINGS.start_std, strict=True))
     free = dict(zip(("force_x", "force_y", "moment"), SETTINGS.min_disturbance, strict=True))
@@ -59,12 +59,12 @@ def least(sizes: Mapping[str, float], disturbances: Sequence[str], outputs: Floa
     )
 
 
-def first_guess(
+def initial_noise(
     sizes: Mapping[str, float], disturbances: Sequence[str], readings: Sequence[FloatArray]
 ) -> PathNoise:
-    """Return a noise to start from: outputs by their second differences, the rest plainly too large."""
+    """Return a starting noise: outputs by their second differences, the rest on purpose too large."""
     outputs = np.array([max(white_noise(values), 1e-6) for values in readings])
-    low = least(sizes, disturbances, outputs)
+    low = least_noise(sizes, disturbances, outputs)
     return replace(low, white=10.0 * low.white, disturbance=100.0 * low.disturbance)
 
 

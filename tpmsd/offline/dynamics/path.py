@@ -39,7 +39,7 @@ class Disturbance(DynamicsEffect):
     moment: FloatArray | float = 0.0
 
     def add_forces(self, frame: Frame) -> None:
-        """Add them."""
+        """Add the accelerations as forces and moment."""
         frame.force_x = frame.force_x + frame.mass * self.force_x
         frame.force_y = frame.force_y + frame.mass * self.force_y
         frame.moment = frame.moment + frame.inertia * self.moment
@@ -81,8 +81,8 @@ class Setup:
         out = np.stack([self.drive.outputs[name] for name in self.channels], axis=1)
         return np.where(self.drive.moving[:, None], out, np.nan)
 
-    def held(self, path: FloatArray, count: int) -> tuple[FloatArray, Disturbance]:
-        """Return the first `count` states of a path, and its disturbances as a term."""
+    def split_path(self, path: FloatArray, count: int) -> tuple[FloatArray, Disturbance]:
+        """Return the first `count` columns of a path (states), and the rest as a `Disturbance`."""
         free = {name: path[..., count + k] for k, name in enumerate(self.disturbances)}
         return path[..., :count], Disturbance(**free)
 
@@ -101,7 +101,7 @@ class Setup:
         `late` readings have no ages.
         """
         names = self.states(theta) if states is None else states
-        state, free = self.held(path, len(names))
+        state, free = self.split_path(path, len(names))
         read = len(self.channels) > 0
         frame = self.baseline.frame(state, inputs, (*theta, free), names, rolled, read, late, earlier)
         rates, outputs = np.empty((len(names), len(path))), np.empty((len(self.channels), len(path)))
@@ -124,7 +124,7 @@ class Setup:
 def covariates_of(setup: Setup, theta: Theta, path: FloatArray) -> dict[str, FloatArray]:
     """Return the covariates of terms without a name along a path, (n,) each."""
     names = setup.states(theta)
-    state, free = setup.held(path, len(names))
+    state, free = setup.split_path(path, len(names))
     frame = setup.baseline.frame(state, setup.inputs(theta), (*theta, free), names)
     return {name: np.broadcast_to(covariate_of(frame, name), path.shape[:1]) for name in COVARIATES}
 
@@ -146,15 +146,15 @@ class Linear:
     _weighted: list[tuple[PathNoise, Weighted]] = field(default_factory=list, compare=False, repr=False)
 
     def weighted(self, setup: Setup, noise: PathNoise) -> Weighted:
-        """Return the problem with noise; the last one is kept, for it is asked several times."""
+        """Return the problem weighted by the noise; the last one is cached."""
         if not self._weighted or self._weighted[0][0] is not noise:
             self._weighted[:] = [(noise, Weighted(setup, self, noise))]
         return self._weighted[0][1]
 
-    def moved(self, path: FloatArray, steps: FloatArray, readings: FloatArray) -> Linear:
-        """Return other residuals at another path, with these derivatives."""
+    def with_residuals(self, path: FloatArray, steps: FloatArray, readings: FloatArray) -> Linear:
+        """Return a copy with residuals at another path and these derivatives."""
         out = replace(self, path=path, step_residual=steps, reading_residual=readings, _weighted=[])
-        out._weighted[:] = [(noise, problem.about(out)) for noise, problem in self._weighted]
+        out._weighted[:] = [(noise, problem.with_residuals(out)) for noise, problem in self._weighted]
         return out
 
 
@@ -178,10 +178,10 @@ def linear(
     dt = np.where(drive.linked, dt, 1e-6)
     rolled = setup.baseline.evaluate_to_tyre_forces(path[:, :count], inputs, theta, names)
     rates, predicted, earlier = setup.evaluate(path, inputs, theta, names, rolled)
-    ahead = stepped(setup, theta, path, inputs, dt, rates.T[:-1])
+    ahead = predicted_steps(setup, theta, path, inputs, dt, rates.T[:-1])
     residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
     if near is not None:
-        return near.moved(path, residual, setup.readings() - predicted.T)
+        return near.with_residuals(path, residual, setup.readings() - predicted.T)
     chained = all(one.age_s.ndim == 0 for one in earlier.values())
     there = _Evaluated(path, inputs, names, rolled, rates, predicted)
     jacobian, outputs_by = _derivatives(setup, theta, there, total if driven else count, late=not chained)
@@ -204,10 +204,10 @@ class _Evaluated:
     outputs: FloatArray
 
 
-def _evaluated(
+def _evaluate_without_ages(
     setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, states: tuple[str, ...]
 ) -> _Evaluated:
-    """Return rates and readings without ages."""
+    """Return rates and readings, delays ignored."""
     rolled = setup.baseline.evaluate_to_tyre_forces(path[:, : len(states)], inputs, theta, states)
     rates, outputs, _ = setup.evaluate(path, inputs, theta, states, rolled, late=False)
     return _Evaluated(path, inputs, states, rolled, rates, outputs)
@@ -246,41 +246,44 @@ def _delayed_by_state(
     disturbances = now.path[:, len(now.states) :]
     total, pushes = now.path.shape[1], disturbances.shape[1]
     out: dict[str, FloatArray] = {}
-    at, before, age, by_path = now, jacobian, 0.0, _by_itself(now)
+    at, before, age, by_path = now, jacobian, 0.0, _state_selector(now)
     for name, one in earlier.items():
         if float(one.age_s) * age < 0.0:
-            at, before, age, by_path = now, jacobian, 0.0, _by_itself(now)
+            at, before, age, by_path = now, jacobian, 0.0, _state_selector(now)
         kept = [k for k, state in enumerate(at.states) if state in one.state]
         count = len(kept)
         width = count + (pushes if driven else 0)
         if count < len(at.states):
             columns = [*kept, *range(len(at.states), at.path.shape[1])]
             names = tuple(at.states[k] for k in kept)
-            at, by_path = _evaluated(setup, theta, at.path[:, columns], at.inputs, names), by_path[kept]
+            at, by_path = (
+                _evaluate_without_ages(setup, theta, at.path[:, columns], at.inputs, names),
+                by_path[kept],
+            )
             before = _derivatives(setup, theta, at, width, late=False)[0]
         path = np.column_stack([*(one.state[state] for state in at.states), disturbances])
-        at = _evaluated(setup, theta, path, one.frame.inputs, at.states)
+        at = _evaluate_without_ages(setup, theta, path, one.frame.inputs, at.states)
         there, outputs_by = _derivatives(setup, theta, at, width, late=False)
         span = float(one.age_s) - age
         acting = [effect for effect in theta if set(effect.states) <= set(at.states)]
         substeps = setup.baseline.substeps(now.inputs, abs(span), acting)
         mean = np.moveaxis(0.5 * (before[:, :count] + there[:, :count]), 0, -1) * (-span / substeps)
         step, push = _exponential(mean, substeps)
-        by_path = _times(step, by_path)
+        by_path = _matrix_products(step, by_path)
         by_path[:, total - pushes :] += push
         if name in setup.channels:
             by = outputs_by[:, setup.channels.index(name)].T
-            whole = _times(by[None, :count], by_path)[0]
+            whole = _matrix_products(by[None, :count], by_path)[0]
             whole[total - pushes :] += by[count:]
             out[name] = whole.T
         before, age = there, float(one.age_s)
     return out
 
 
-def _by_itself(at: _Evaluated) -> FloatArray:
-    """Return the derivatives of states by the path that they belong to, (s, t, n)."""
+def _state_selector(at: _Evaluated) -> FloatArray:
+    """Return the derivatives of states by the path, (s, t, n): ones where they are the same."""
     rows, total = at.path.shape
-    return _plus_one(np.zeros((len(at.states), total, rows)))
+    return _add_identity(np.zeros((len(at.states), total, rows)))
 
 
 def transition(
@@ -308,22 +311,22 @@ def _exponential(mean: FloatArray, substeps: int) -> tuple[FloatArray, FloatArra
     # exp [A B; 0 0] = [exp A, P B; 0 1] with P = 1 + A / 2 + A^2 / 6 + A^3 / 24 and exp A = 1 + A P
     series = own / 4.0
     for order in (3.0, 2.0):
-        series = _times(own, _plus_one(series)) / order
-    series = _plus_one(series)
-    by_own, by_driven = _plus_one(_times(own, series)), _times(series, driven)
+        series = _matrix_products(own, _add_identity(series)) / order
+    series = _add_identity(series)
+    by_own, by_driven = _add_identity(_matrix_products(own, series)), _matrix_products(series, driven)
     for _ in range(int(np.log2(substeps))):
-        by_own, by_driven = _times(by_own, by_own), _times(by_own, by_driven) + by_driven
+        by_own, by_driven = _matrix_products(by_own, by_own), _matrix_products(by_own, by_driven) + by_driven
     return by_own, by_driven
 
 
-def _plus_one(matrix: FloatArray) -> FloatArray:
-    """Return matrices (s, s, n) with one added on the diagonal."""
+def _add_identity(matrix: FloatArray) -> FloatArray:
+    """Add one to the diagonals of matrices (s, s, n), in place; return them."""
     for k in range(len(matrix)):
         matrix[k, k] += 1.0
     return matrix
 
 
-def _times(left: FloatArray, right: FloatArray) -> FloatArray:
+def _matrix_products(left: FloatArray, right: FloatArray) -> FloatArray:
     """Return products of small matrices (i, k, n) and (k, j, n), over time at once."""
     out = np.empty((left.shape[0], right.shape[1], left.shape[2]))
     for i in range(out.shape[0]):
@@ -334,11 +337,11 @@ def _times(left: FloatArray, right: FloatArray) -> FloatArray:
     return out
 
 
-def stepped(
+def predicted_steps(
     setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, dt: FloatArray, rates: FloatArray
 ) -> FloatArray:
-    """Return where each row's step leads, (n - 1, t); `rates` are those at its start."""
-    state, free = setup.held(path[:-1], len(setup.states(theta)))
+    """Return the path predicted one step ahead of each row, (n - 1, t); `rates` are those at its start."""
+    state, free = setup.split_path(path[:-1], len(setup.states(theta)))
     span = Span(inputs.take(slice(0, -1)), inputs.take(slice(1, None)))
     ahead = setup.baseline.step(state, span, (*theta, free), dt, rates)
     decay = np.exp(-dt / SETTINGS.disturbance_time_s)[:, None]
@@ -369,51 +372,53 @@ class Weighted:
         self._start_pull = np.where(order < len(noise.white), 0.0, first)
         self.factor = BandedFactor(diagonal, -weighted)
 
-    def about(self, at: Linear) -> Weighted:
-        """Return the problem with other residuals and the same derivatives."""
+    def with_residuals(self, at: Linear) -> Weighted:
+        """Return a copy with other residuals and the same derivatives."""
         out = copy(self)
         out.at = replace(at, _weighted=[])
         return out
 
     def gradient(self) -> FloatArray:
-        """Return the right-hand side of the path's own step, (n, t)."""
-        out = self._asked(self.at.step_residual, self.at.reading_residual)
+        """Return the right-hand side of the normal equations of the path, (n, t)."""
+        out = self._right_hand_side(self.at.step_residual, self.at.reading_residual)
         out[self._starts] -= self.at.path[self._starts] * self._start_pull
         return out
 
-    def _asked(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
-        """Return what residuals of steps and readings ask of the path, (n, t)."""
+    def _right_hand_side(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return the right-hand side by residuals of steps and readings, (n, t)."""
         at = self.at
-        out = np.einsum("nmi,nm->ni", at.outputs_by_state, self.reading_weight * _zeroed(readings))
+        out = np.einsum("nmi,nm->ni", at.outputs_by_state, self.reading_weight * _nan_to_zero(readings))
         pull = self.step_weight * steps
         out[1:] -= pull
         out[:-1] += np.einsum("nij,ni->nj", at.by_state, pull)
         return np.asarray(out)
 
-    def squares(self) -> FloatArray:
+    def residual_squares(self) -> FloatArray:
         """Return the sums of squares, over variances, of the residuals that the path's own step leaves: of
         each state's steps, then of each output's readings."""
         return self._squares(self.at.step_residual, self.at.reading_residual, self.gradient())
 
-    def drawn_squares(self) -> FloatArray:
-        """Return the same of residuals that are drawn with this noise, each one standard deviation."""
-        steps = drawn(self.step_weight)
-        readings = np.where(self.reading_weight > 0.0, drawn(self.reading_weight), np.nan)
-        asked = self._asked(steps, readings)
+    def expected_squares(self) -> FloatArray:
+        """Return the `residual_squares` of residuals drawn from this noise, each one standard deviation."""
+        steps = unit_residuals(self.step_weight)
+        readings = np.where(self.reading_weight > 0.0, unit_residuals(self.reading_weight), np.nan)
+        asked = self._right_hand_side(steps, readings)
         starts = np.broadcast_to(self._start_weight, (len(self._starts), asked.shape[1]))
-        asked[self._starts] -= drawn(starts) * starts
+        asked[self._starts] -= unit_residuals(starts) * starts
         return self._squares(steps, readings, asked)
 
     def _squares(self, steps: FloatArray, readings: FloatArray, asked: FloatArray) -> FloatArray:
+        """Return the sums of weighted squares of the residuals after the path's step by `asked`."""
         move = self.factor.solve(asked)
         left = steps + move[1:] - np.einsum("nij,nj->ni", self.at.by_state, move[:-1])
-        unread = _zeroed(readings - np.einsum("nmi,ni->nm", self.at.outputs_by_state, move))
+        unread = _nan_to_zero(readings - np.einsum("nmi,ni->nm", self.at.outputs_by_state, move))
         return np.concatenate(
             [(self.step_weight * left**2).sum(axis=0), (self.reading_weight * unread**2).sum(axis=0)]
         )
 
 
-def _zeroed(residual: FloatArray) -> FloatArray:
+def _nan_to_zero(residual: FloatArray) -> FloatArray:
+    """Return residuals with 0 in place of NaN."""
     return np.where(np.isfinite(residual), residual, 0.0)
 
 
@@ -468,22 +473,22 @@ def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least:
     from residuals drawn with this noise and smoothed as the real ones are. Few rows are enough. Steps of the
     iteration that keep their direction grow, so that a variance near 0 gets there.
     """
-    few, part = subset(setup, at)
+    few, part = subset_of_blocks(setup, at)
     power: FloatArray | float = 1.0
     last: FloatArray | float = 0.0
     for _ in range(rounds):
         weighted = part.weighted(few, noise)
-        ratio = (weighted.squares() + 1e-12) / (weighted.drawn_squares() + 1e-12)
+        ratio = (weighted.residual_squares() + 1e-12) / (weighted.expected_squares() + 1e-12)
         move = np.log(np.clip(ratio, 0.05, 20.0))
         faster = np.minimum(power * SETTINGS.noise_faster, SETTINGS.noise_max_power)
         power = np.where(move * last > 0.0, faster, 1.0)
-        noise = _scaled(noise, np.exp(0.5 * np.clip(power * move, -3.0, 3.0)), least)
+        noise = _scaled_noise(noise, np.exp(0.5 * np.clip(power * move, -3.0, 3.0)), least)
         last = move
     return noise
 
 
-def _scaled(noise: PathNoise, by: FloatArray, least: PathNoise) -> PathNoise:
-    """Return noise times factors of standard deviations, none below the least."""
+def _scaled_noise(noise: PathNoise, by: FloatArray, least: PathNoise) -> PathNoise:
+    """Return the noise, its variances' roots times these factors, none below `least`."""
     states, free = len(noise.white), len(noise.disturbance)
     return replace(
         noise,
@@ -493,14 +498,14 @@ def _scaled(noise: PathNoise, by: FloatArray, least: PathNoise) -> PathNoise:
     )
 
 
-def drawn(weight: FloatArray) -> FloatArray:
-    """Return residuals of one standard deviation each, of either sign; 0 where the weight is."""
+def unit_residuals(weight: FloatArray) -> FloatArray:
+    """Return residuals of plus or minus one standard deviation; 0 where the weight is 0."""
     scale = np.where(weight > 0.0, 1.0 / np.sqrt(np.where(weight > 0.0, weight, 1.0)), 0.0)
-    return signs(weight.size).reshape(weight.shape) * scale
+    return pseudo_random_signs(weight.size).reshape(weight.shape) * scale
 
 
-def signs(count: int) -> FloatArray:
-    """Return numbers of -1 and 1 that are independent for all that matters here, the same each time.
+def pseudo_random_signs(count: int) -> FloatArray:
+    """Return a fixed pseudo-random sequence of -1 and 1.
 
     The finaliser of SplitMix64 on a counter; products of such signs estimate traces (Hutchinson's method).
     """
@@ -511,15 +516,15 @@ def signs(count: int) -> FloatArray:
     return np.where(word & np.uint64(1), 1.0, -1.0)
 
 
-def subset(setup: Setup, at: Linear, besides: BoolArray | None = None) -> tuple[Setup, Linear]:
-    """Return every k-th block, as many as have enough rows, and those `besides`, (B,)."""
+def subset_of_blocks(setup: Setup, at: Linear, besides: BoolArray | None = None) -> tuple[Setup, Linear]:
+    """Return setup and linear problem on every k-th block, for enough rows, and on those `besides`, (B,)."""
     drive = setup.drive
     n = len(drive.time_s)
     taken = np.zeros(len(drive.starts), dtype=bool) if besides is None else besides.copy()
     taken[part_of_blocks(setup)] = True
     if taken.all():
         return setup, at
-    few, rows = blocks_of(drive, taken)
+    few, rows = drive_of_blocks(drive, taken)
     links = rows[:-1]
     part = Linear(
         at.path[rows],
@@ -531,7 +536,7 @@ def subset(setup: Setup, at: Linear, besides: BoolArray | None = None) -> tuple[
     return replace(setup, drive=few), part
 
 
-def blocks_of(drive: DynamicsDrive, taken: BoolArray) -> tuple[DynamicsDrive, IntArray]:
+def drive_of_blocks(drive: DynamicsDrive, taken: BoolArray) -> tuple[DynamicsDrive, IntArray]:
     """Return a drive of some of the blocks, (B,), and their rows; the drive itself where all are taken."""
     if taken.all():
         return drive, np.arange(len(drive.time_s))
@@ -546,7 +551,7 @@ def blocks_of(drive: DynamicsDrive, taken: BoolArray) -> tuple[DynamicsDrive, In
 
 
 def part_of_blocks(setup: Setup) -> slice:
-    """Return every k-th block, as many as have enough rows; all of a short drive."""
+    """Return a slice of every k-th block with enough rows in all; all blocks of a short drive."""
     every = max(len(setup.drive.time_s) // SETTINGS.noise_rows, 1)
     return slice(None) if every == 1 else slice(every // 2, None, every)
 

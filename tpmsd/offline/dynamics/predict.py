@@ -16,7 +16,7 @@ from scipy.linalg import lapack
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.dynamics.path import Setup, blocks_of, linear
+from tpmsd.offline.dynamics.path import Setup, drive_of_blocks, linear
 
 ROUNDS = 40
 """A round of a few blocks costs a hundredth of their steps one by one."""
@@ -32,7 +32,7 @@ def free_run(
     disturbances: FloatArray | None = None,
     kicks: FloatArray | None = None,
 ) -> FloatArray:
-    """Return states (n, s) that start each block where `path` does.
+    """Return simulated states (n, s); each block starts in the states of `path`.
 
     `disturbances` (n, d) act on them, and `kicks` (n - 1, s) are added at the end of each step; none unless
     given. Kicks and disturbances are left out where the steps have to be taken one after the other.
@@ -45,11 +45,11 @@ def free_run(
     left = np.ones(len(setup.drive.starts), dtype=bool)
     away = ~left
     for _ in range(ROUNDS):
-        drive, rows = blocks_of(setup.drive, left)
+        drive, rows = drive_of_blocks(setup.drive, left)
         steps, acting = Setup(setup.baseline, drive, ()), inputs.take(rows)
         at = linear(steps, theta, extended[rows], driven=False, inputs=acting)
         wanted = pushed[rows[:-1]] - at.step_residual[:, :count]
-        move = _forward(steps, at.by_state[:, :count, :count], wanted)
+        move = _solve_recursion(steps, at.by_state[:, :count, :count], wanted)
         size = np.maximum.reduceat(np.abs(move).max(axis=1), drive.starts)
         runs = size <= LARGEST
         kept = np.repeat(runs, drive.ends - drive.starts)
@@ -60,13 +60,13 @@ def free_run(
             break
     away |= left
     if away.any():
-        drive, rows = blocks_of(setup.drive, away)
+        drive, rows = drive_of_blocks(setup.drive, away)
         steps = Setup(setup.baseline, drive, ())
-        extended[rows, :count] = _abreast(steps, theta, path[rows, :count], inputs.take(rows))
+        extended[rows, :count] = _step_all_blocks(steps, theta, path[rows, :count], inputs.take(rows))
     return extended[:, :count]
 
 
-def _forward(setup: Setup, by_state: FloatArray, right: FloatArray) -> FloatArray:
+def _solve_recursion(setup: Setup, by_state: FloatArray, right: FloatArray) -> FloatArray:
     """Return x with x[k + 1] - A[k] x[k] = right[k] within blocks and x = 0 at their first rows."""
     n, s = len(setup.drive.time_s), right.shape[1]
     by_state = np.where(setup.drive.linked[:, None, None], by_state, 0.0)
@@ -81,8 +81,8 @@ def _forward(setup: Setup, by_state: FloatArray, right: FloatArray) -> FloatArra
     return np.ascontiguousarray(out).reshape(n, s)
 
 
-def _abreast(setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs) -> FloatArray:
-    """Return the same one step after the other, all blocks at once."""
+def _step_all_blocks(setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs) -> FloatArray:
+    """Return states (n, s) by stepping all blocks side by side, one row after the other."""
     drive = setup.drive
     starts, ends = drive.starts, drive.ends
     out = path.copy()
@@ -104,7 +104,7 @@ def outputs_along(
     """Return outputs at states (n, s), (n, m), with disturbances (n, d) where they are given."""
     whole = theta
     if disturbances is not None:
-        _, free = setup.held(np.concatenate([states, disturbances], axis=1), states.shape[1])
+        _, free = setup.split_path(np.concatenate([states, disturbances], axis=1), states.shape[1])
         whole = (*theta, free)
     frame = setup.baseline.frame(states, setup.inputs(theta), whole)
     return np.stack([np.broadcast_to(frame.outputs[name], states.shape[:1]) for name in names], axis=1)

@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.proposal.effect_file import EFFECT, OPENING, PARAME
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, join_columns
 from tpmsd.offline.dynamics.model_statistics import fold_blocks
 from tpmsd.offline.dynamics.result import ClosedForm
 from tpmsd.offline.dynamics.search import Search
@@ -33,7 +33,7 @@ _RAISED = 1e-3
 
 
 def proposals(search: Search) -> tuple[ClosedForm, ...]:
-    """Return the best closed forms for what has no name; none where all has one."""
+    """Return the best closed forms for terms without a name; empty if there is none."""
     unnamed = [k for k, term in enumerate(search.terms) if isinstance(term.effect, DynamicsUnknown)]
     if not unnamed:
         return ()
@@ -65,7 +65,7 @@ def _forms_on(
     columns, probes = search.own(0)
     held = tuple(index for k in unnamed for index in columns[k].index)
     values = tuple(-float(v) for k in unnamed for v in search.terms[k].values())
-    stay = joined([one for k, one in enumerate(columns) if k not in unnamed])
+    stay = join_columns([one for k, one in enumerate(columns) if k not in unnamed])
     covariates = search.covariates
     weights = [np.asarray(form.values(covariates)) for form in forms]
     probes += _probes(search, on, weights)
@@ -76,7 +76,7 @@ def _forms_on(
         if size > 0.0:
             index = (len(probes) - len(forms) + k,)
             added = PriorColumns(index, np.zeros(1), np.array([(size / 10.0) ** 2]))
-            out.append((form, _judged(statistics, stay, added, held, values, form, on)))
+            out.append((form, _fit_form(statistics, stay, added, held, values, form, on)))
     return out
 
 
@@ -89,6 +89,7 @@ def _equations(search: Search, unnamed: Sequence[int]) -> list[str]:
 
 
 def _probes(search: Search, on: str, weights: Sequence[FloatArray]) -> list[Probe]:
+    """Return the probes of a term on this equation or output, one for each set of weights (n,)."""
     time = search.setup.drive.time_s
     ends = (float(time[0]), float(time[-1]))
     raised = DynamicsUnknown(knots=ends, heights=(_RAISED, _RAISED), on=on, over="time")
@@ -96,7 +97,7 @@ def _probes(search: Search, on: str, weights: Sequence[FloatArray]) -> list[Prob
     return [Probe(moved, _RAISED, one) for one in weights]
 
 
-def _judged(
+def _fit_form(
     statistics: Statistics,
     stay: PriorColumns,
     added: PriorColumns,
@@ -106,13 +107,14 @@ def _judged(
     on: str,
 ) -> ClosedForm:
     """Return a form fitted to all blocks, with its gain on blocks that took no part in the fit."""
-    both = joined([stay, added])
+    both = join_columns([stay, added])
     estimate, covariance = statistics.fit(both, held, values)
     ratio = statistics.addition(stay, added, held, values).overdispersion
     folds = fold_blocks(len(statistics.blocks.gradient))
     fixed: FloatArray = np.array(values, dtype=np.float64)
 
     def gained(blocks: IntArray | None, left_out: IntArray | None) -> float:
+        """Return the log-likelihood gain of the added columns on these blocks, `left_out` not fitted."""
         total = 0.0
         for sign, free in ((1.0, both), (-1.0, stay)):
             fitted = statistics.fit(free, held, values, left_out)[0] if free.index else np.zeros(0)

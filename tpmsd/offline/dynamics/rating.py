@@ -46,14 +46,14 @@ def rating(reference: FloatArray, simulated: FloatArray, dt_s: float = 1e-4) -> 
     allowed = MAX_SHIFT * len(reference)
     phase = 0.0 if abs(shift) >= allowed else (allowed - abs(shift)) / allowed
     return Rating(
-        _corridor(reference, simulated),
+        _corridor_score(reference, simulated),
         phase,
         _magnitude_score(moved_reference, moved),
-        _slope(moved_reference, moved, dt_s),
+        _slope_score(moved_reference, moved, dt_s),
     )
 
 
-def _corridor(reference: FloatArray, simulated: FloatArray) -> float:
+def _corridor_score(reference: FloatArray, simulated: FloatArray) -> float:
     """Return 1 within the inner corridor, 0 beyond the outer one, quadratic between them; the mean."""
     size = float(np.abs(reference).max())
     apart = np.abs(reference - simulated)
@@ -77,6 +77,7 @@ def _best_shift(reference: FloatArray, simulated: FloatArray) -> int:
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:
+    """Return the correlation coefficient of two curves."""
     a, b = a - a.mean(), b - b.mean()
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > 0.0 else -np.inf
@@ -130,7 +131,7 @@ def _warping(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.array(first[::-1]), np.array(second[::-1])
 
 
-def _slope(reference: FloatArray, simulated: FloatArray, dt_s: float) -> float:
+def _slope_score(reference: FloatArray, simulated: FloatArray, dt_s: float) -> float:
     """Return the score of the difference of smoothed slopes."""
     a, b = _smooth_slope(reference, dt_s), _smooth_slope(simulated, dt_s)
     size, apart = float(np.abs(a).sum()), float(np.abs(b - a).sum())

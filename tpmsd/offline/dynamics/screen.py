@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.dynamics.columns import Probe, changes, stepped_change
+from tpmsd.offline.dynamics.columns import Probe, model_derivatives, step_derivative
 from tpmsd.offline.dynamics.search import Search
 
 PIECE_S = 2.0
@@ -20,12 +20,12 @@ PIECE_S = 2.0
 def row_scores(search: Search, probe: Probe) -> FloatArray:
     """Return the scores of a term at the rows, (n,); the term acts at all of them alike."""
     at, setup, noise = search.at, search.setup, search.noise
-    by_rate, by_output = changes(setup, search.theta, at, [probe])
+    by_rate, by_output = model_derivatives(setup, search.theta, at, [probe])
     count = by_rate.shape[1]
     dt = np.diff(setup.drive.time_s)
     by_state = np.ascontiguousarray(np.moveaxis(at.by_state[:, :count], 0, -1))
     linked = setup.drive.linked
-    step = stepped_change(by_state, np.where(linked, 0.5 * dt, 0.0), by_rate[0])
+    step = step_derivative(by_state, np.where(linked, 0.5 * dt, 0.0), by_rate[0])
     pull = np.where(linked[:, None], at.step_residual / noise.step_variance(dt), 0.0)[:, :count]
     out = np.zeros(len(at.path))
     out[:-1] += np.sum(pull * step.T, axis=1)

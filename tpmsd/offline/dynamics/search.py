@@ -21,9 +21,9 @@ from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import BoolArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, join_columns
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics, fold_blocks
-from tpmsd.offline.dynamics.noise import PathNoise, first_guess, least
+from tpmsd.offline.dynamics.noise import PathNoise, initial_noise, least_noise
 from tpmsd.offline.dynamics.path import (
     Linear,
     Setup,
@@ -31,7 +31,7 @@ from tpmsd.offline.dynamics.path import (
     fitted_noise,
     part_of_blocks,
     smoothed,
-    subset,
+    subset_of_blocks,
 )
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -90,8 +90,8 @@ class CachedStatistics:
     slopes: list[LocatedTerm] | None = None
     nameless: list[LocatedTerm] | None = None
 
-    def is_of(self, search: Search) -> bool:
-        """Return True if the model is that one."""
+    def matches(self, search: Search) -> bool:
+        """Return True if path, noise and terms are those of the search."""
         same = self.at is search.at and self.noise is search.noise and len(self.terms) == len(search.terms)
         return same and all(map(is_, self.terms, search.terms))
 
@@ -127,9 +127,9 @@ class Search:
     def __post_init__(self) -> None:
         setup = self.setup
         sizes, readings = setup.sizes(self.theta), setup.readings()
-        self.noise = first_guess(sizes, setup.disturbances, list(readings.T))
+        self.noise = initial_noise(sizes, setup.disturbances, list(readings.T))
         white = np.maximum(SETTINGS.white_share * self.noise.outputs, 1e-7)
-        self.floor = least(sizes, setup.disturbances, white)
+        self.floor = least_noise(sizes, setup.disturbances, white)
         self.at = smoothed(setup, self.theta, setup.start(self.theta), self.noise)
         self.scale = self.noise.outputs
         self._refit_noise(SETTINGS.noise_rounds)
@@ -142,7 +142,7 @@ class Search:
 
     @property
     def base(self) -> tuple[DynamicsEffect, ...]:
-        """Return the effects that no step takes out."""
+        """Return the effects that no step removes: simulated and fixed ones."""
         return (*self.simulated, *self.fixed)
 
     @property
@@ -155,6 +155,7 @@ class Search:
         return [term for term in self._candidates() if not term.nuisance]
 
     def _candidates(self) -> list[CandidateTerm]:
+        """Return the terms of the catalogue that the model does not have, nuisances included."""
         taken = (*self.fixed, *(term.effect for term in self.terms))
         return candidates(self.setup.baseline, self.setup.channels, taken, self.simulated)
 
@@ -164,7 +165,7 @@ class Search:
         return [term for term in self.terms if not term.nuisance]
 
     @property
-    def nameless_there(self) -> bool:
+    def has_unnamed_term(self) -> bool:
         """Return True if one of its terms has no name."""
         return any(term.name == "unknown" for term in self.terms)
 
@@ -175,23 +176,23 @@ class Search:
     # -- fitting ---------------------------------------------------------------------------------------------
 
     def _refit_noise(self, rounds: int) -> None:
+        """Fit the noise in so many rounds, then smooth the path again."""
         self.noise = fitted_noise(self.setup, self.at, self.noise, rounds, self.floor)
         self.at = smoothed(self.setup, self.theta, self.at, self.noise)
 
     def fit(self, rounds: int = 3) -> None:
-        """Fit parameters, path and noise again, until no value moves any more or what a step promises is left
-        aside."""
+        """Fit parameters, path and noise in turn, until no value moves or the promised gain is negligible."""
         for k in range(rounds):
             if not self.terms:
                 break
             columns, probes = self.own(0)
             statistics = Statistics(gram(self.setup, self.theta, self.at, self.noise, probes))
-            everything = joined(columns)
+            everything = join_columns(columns)
             ratio = statistics.addition(PriorColumns((), np.zeros(0), np.zeros(0)), everything).overdispersion
             step, covariance = statistics.fit(replace(everything, precision=everything.precision * ratio))
             fall = float(step @ np.linalg.solve(covariance, step))
-            self._move(step)
-            self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
+            self._move_terms(step)
+            self.at = smoothed(self.setup, self.theta, self._adapt_to_states(self.at.path), self.noise)
             size = np.concatenate([1.0 / np.sqrt(part.precision) for part in columns])
             if fall < SETTINGS.path_tolerance or np.all(np.abs(step) < SETTINGS.settled * size):
                 break
@@ -199,8 +200,8 @@ class Search:
                 self._refit_noise(4)
         self._refit_noise(3)
 
-    def settle(self) -> None:
-        """Fit until no value moves any more, or a fit predicts worse than the model did at the start.
+    def fit_until_converged(self) -> None:
+        """Fit until no value moves; stop and restore where a fit predicts worse than the model at the start.
 
         A likelihood may go on to grow along values that explain how readings follow each other, such as a
         delay and a position of one instrument, while the prediction from the inputs falls apart.
@@ -208,7 +209,7 @@ class Search:
         most = self.error + SETTINGS.max_error_increase
         for _ in range(SETTINGS.last_fits):
             before = [term.values() for term in self.terms]
-            fitted = self._fitted()
+            fitted = self._snapshot()
             self.fit()
             self.error = self.prediction_error()
             if self.error > most:
@@ -221,30 +222,31 @@ class Search:
             if max(float(np.max(move)) for move in moves) < SETTINGS.settled:
                 break
 
-    def _fitted(self) -> FittedModel:
-        """Return what a fit changes, as it stands."""
+    def _snapshot(self) -> FittedModel:
+        """Return a snapshot of all that a fit changes."""
         return FittedModel(tuple(self.terms), self.at, self.noise, self.floor, self.error, self.looked)
 
     def _restore(self, fitted: FittedModel) -> None:
-        """Go back to a model as it stood."""
+        """Restore a snapshot."""
         self.terms = list(fitted.terms)
         self.at, self.noise, self.floor, self.error = fitted.at, fitted.noise, fitted.floor, fitted.error
         self.looked = fitted.looked
 
-    def _move(self, step: FloatArray) -> None:
+    def _move_terms(self, step: FloatArray) -> None:
+        """Move the values of all terms by a step over their columns."""
         at = 0
         for k, term in enumerate(self.terms):
             self.terms[k] = term.moved(step[at : at + term.columns])
             at += term.columns
 
-    def _resized(self, path: FloatArray) -> FloatArray:
-        """Return a path and set noise for the states that the model has now."""
+    def _adapt_to_states(self, path: FloatArray) -> FloatArray:
+        """Return a path with the columns of the present states; set noise and its bounds for them."""
         setup, old = self.setup, self.noise
         names = setup.states(self.theta)
         if names == old.states:
             return path
-        self.floor = least(setup.sizes(self.theta), setup.disturbances, self.floor.outputs)
-        self.noise = old.of(names, self.floor)
+        self.floor = least_noise(setup.sizes(self.theta), setup.disturbances, self.floor.outputs)
+        self.noise = old.for_states(names, self.floor)
         states = np.zeros((len(path), len(names)))
         for k, name in enumerate(names):
             if name in old.states:
@@ -263,20 +265,20 @@ class Search:
             first += len(own)
         return columns, probes
 
-    def copied(self) -> Search:
-        """Return the selection as it stands, which takes its own steps from there."""
+    def fork(self) -> Search:
+        """Return an independent copy of the selection."""
         out = copy(self)
         out.terms, out.stages = list(self.terms), list(self.stages)
         return out
 
     def part(self, with_events: bool = False) -> Search:
-        """Return the same model on a part of the blocks, as it stands; also on all those `with_events`."""
-        few, at = subset(self.setup, self.at, self._eventful() if with_events else None)
+        """Return the model on a part of the blocks, with `with_events` on all blocks with events too."""
+        few, at = subset_of_blocks(self.setup, self.at, self._blocks_with_events() if with_events else None)
         out = copy(self)
         out.setup, out.at = few, at
         return out
 
-    def _eventful(self) -> BoolArray:
+    def _blocks_with_events(self) -> BoolArray:
         """Return for each block whether an event of the model falls in it, (B,)."""
         drive = self.setup.drive
         begins, ends = drive.time_s[drive.starts], drive.time_s[drive.ends - 1]
@@ -290,9 +292,9 @@ class Search:
     # -- steps -----------------------------------------------------------------------------------------------
 
     @property
-    def seen(self) -> CachedStatistics:
-        """Return what was looked at as the model stands."""
-        if self.looked is None or not self.looked.is_of(self):
+    def cached_statistics(self) -> CachedStatistics:
+        """Return the cached statistics of the present model, empty after a change."""
+        if self.looked is None or not self.looked.matches(self):
             self.looked = CachedStatistics(self.at, self.noise, tuple(self.terms))
         return self.looked
 
@@ -301,14 +303,15 @@ class Search:
 
         All effects of the catalogue are looked at together as soon as most of them are offered.
         """
-        seen = self.seen
+        seen = self.cached_statistics
         if seen.whole is None and len(offered) > len(DYNAMICS_EFFECTS) // 2:
-            seen.whole = self._looked_at(self._candidates())
-        if seen.whole is not None and (look := seen.whole.only(offered)) is not None:
+            seen.whole = self._compute_statistics(self._candidates())
+        if seen.whole is not None and (look := seen.whole.restricted_to_offers(offered)) is not None:
             return look
-        return self._looked_at(offered)
+        return self._compute_statistics(offered)
 
-    def _looked_at(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
+    def _compute_statistics(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
+        """Return the statistics of the model and the offered terms, without the cache."""
         columns, probes = self.own(0)
         removal: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
         for k, term in enumerate(self.terms):
@@ -334,41 +337,43 @@ class Search:
             added,
         )
 
-    def admit(self) -> bool:
-        """Add every nuisance whose evidence is positive, True if any: odds of one ask nothing of what every
-        car has."""
+    def admit_nuisances(self) -> bool:
+        """Add every nuisance whose evidence is positive (every car has them); True if any was added."""
         offered = [term for term in self._candidates() if term.nuisance]
-        taken = [self.attempt([*self.terms, term]) for term, _ in self.ranked(offered, 0.0)]
+        taken = [self.try_terms([*self.terms, term]) for term, _ in self.ranked_terms(offered, 0.0)]
         return any(taken)
 
-    def forward(self, threshold: float) -> bool:
+    def forward_step(self, threshold: float) -> bool:
         """Add the term with the largest evidence above the threshold that predicts no worse; False if none.
 
         A part of the blocks is asked first: what is plain there needs no more.
         """
         self.rejected = {}
         offered = self.offered()
-        coarse = self._coarse()
+        coarse = self._on_part_of_blocks()
         if coarse is not self:
-            ranked = coarse.ranked(offered, SETTINGS.plain * threshold)
-            if ranked and self._first_of(ranked):
+            ranked = coarse.ranked_terms(offered, SETTINGS.plain * threshold)
+            if ranked and self._add_first(ranked):
                 return True
-        return self._first_of(self.ranked([t for t in offered if t.name not in self.rejected], threshold))
+        return self._add_first(
+            self.ranked_terms([t for t in offered if t.name not in self.rejected], threshold)
+        )
 
-    def _coarse(self) -> Search:
-        """Return the model on a part of the blocks, the same one as long as it stands; itself where that is
-        all of them."""
-        seen = self.seen
+    def _on_part_of_blocks(self) -> Search:
+        """Return the model on a part of the blocks, cached; the search itself where that is all blocks."""
+        seen = self.cached_statistics
         if seen.part is None:
             few = self.part()
             if few.setup is self.setup:
                 return self
             seen.part = few
         if seen.whole is not None:
-            seen.part.seen.whole = seen.whole.on(part_of_blocks(self.setup))
+            seen.part.cached_statistics.whole = seen.whole.restricted_to_blocks(part_of_blocks(self.setup))
         return seen.part
 
-    def ranked(self, offered: list[CandidateTerm], threshold: float) -> list[tuple[CandidateTerm, float]]:
+    def ranked_terms(
+        self, offered: list[CandidateTerm], threshold: float
+    ) -> list[tuple[CandidateTerm, float]]:
         """Return the terms above the threshold at their fitted values, best first, each effect once."""
         if not offered:
             return []
@@ -384,7 +389,7 @@ class Search:
                 out[term.key] = (plain, float(scores[k]))
         return list(out.values())
 
-    def _first_of(self, terms: Sequence[tuple[CandidateTerm, float]]) -> bool:
+    def _add_first(self, terms: Sequence[tuple[CandidateTerm, float]]) -> bool:
         """Add the first term that predicts no worse; False if none of those that are tried does. Terms that
         are confounded with one already tried count as one with it: they would crowd out the others."""
         distinct: list[CandidateTerm] = []
@@ -393,30 +398,29 @@ class Search:
                 if len(distinct) == SETTINGS.tried:
                     break
                 distinct.append(term)
-            if self.attempt([*self.terms, term]):
+            if self.try_terms([*self.terms, term]):
                 return True
             self.rejected[term.name] = evidence
         return False
 
-    def attempt(self, terms: list[CandidateTerm]) -> bool:
-        """Take these terms, fitted, as the model if it predicts no worse; else leave the model as it is.
+    def try_terms(self, terms: list[CandidateTerm]) -> bool:
+        """Fit these terms and keep them if the model predicts no worse; True if kept, else all is restored.
 
         A model without a path, such as one whose fit ran away, is no model. Beside names that are
         there most terms fail, so a part of the blocks is asked first: what predicts plainly worse there is
         not fitted to the whole drive.
         """
         part = self.part() if self.named else self
-        if part.setup is not self.setup and not part._taken(terms, SETTINGS.plain_error_increase):
+        if part.setup is not self.setup and not part._try_terms(terms, SETTINGS.plain_error_increase):
             return False
-        return self._taken(terms, SETTINGS.max_error_increase)
+        return self._try_terms(terms, SETTINGS.max_error_increase)
 
-    def _taken(self, terms: list[CandidateTerm], most: float) -> bool:
-        """Take these terms, fitted, if the prediction error grows by `most` at most; else leave the model as
-        it is."""
-        before = self._fitted()
-        self.terms = [_inside(term) for term in terms]
+    def _try_terms(self, terms: list[CandidateTerm], most: float) -> bool:
+        """Fit these terms and keep them if the error grows by `most` at most; True if kept, else restored."""
+        before = self._snapshot()
+        self.terms = [_within_limits(term) for term in terms]
         try:
-            self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
+            self.at = smoothed(self.setup, self.theta, self._adapt_to_states(self.at.path), self.noise)
             self.fit()
         except np.linalg.LinAlgError:
             self.error = np.inf
@@ -430,7 +434,7 @@ class Search:
     def prediction_error(self) -> float:
         """Return the mean over blocks and outputs of the log error of the prediction from the inputs, in
         standard deviations of a reading."""
-        few, at = subset(self.setup, self.at)
+        few, at = subset_of_blocks(self.setup, self.at)
         square = (few.readings() - predicted(few, self.theta, at.path)) ** 2
         logs = []
         for first, last in zip(few.drive.starts, few.drive.ends, strict=True):
@@ -439,16 +443,16 @@ class Search:
             logs.append(np.where(known.any(axis=0), 0.5 * np.log(mean + 1e-12) - np.log(self.scale), 0.0))
         return float(np.mean(np.clip(np.nan_to_num(np.array(logs), nan=6.0), -5.0, 6.0)))
 
-    def tidy(self, threshold: float) -> bool:
-        """Take one backward or exchange step where it helps; True if it took one.
+    def backward_or_exchange_step(self, threshold: float) -> bool:
+        """Remove or exchange one term where that helps; True if the model changed.
 
         What predicts worse in the place of one term is not tried in that of another. Where a part of the
         blocks has no competitor for any term, the whole drive is not asked.
         """
-        if self._removed(threshold):
+        if self._remove_needless_term(threshold):
             return True
-        coarse = self._coarse()
-        if coarse is not self and not coarse._contested(-SETTINGS.confounded_nats):
+        coarse = self._on_part_of_blocks()
+        if coarse is not self and not coarse._has_likelier_competitor(-SETTINGS.confounded_nats):
             return False
         look = self.look(self.offered())
         worse: set[str] = set()
@@ -457,11 +461,11 @@ class Search:
                 continue
             competitors = look.competitors(k)
             better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.confounded_nats
-            if better and competitors[0][0].key not in worse and self._exchanged(k, competitors[0][0], worse):
+            if better and competitors[0][0].key not in worse and self._exchange(k, competitors[0][0], worse):
                 return True
         return False
 
-    def _contested(self, nats: float) -> bool:
+    def _has_likelier_competitor(self, nats: float) -> bool:
         """Return True if a term has a competitor whose evidence is larger by so many nats."""
         look = self.look(self.offered())
         for k, term in enumerate(self.terms):
@@ -472,9 +476,11 @@ class Search:
                 return True
         return False
 
-    def _removed(self, threshold: float) -> bool:
-        """Take out the first term that is needless and without which the model predicts no worse; False if
-        there is none. The model's own columns tell; what else is offered need not be asked."""
+    def _remove_needless_term(self, threshold: float) -> bool:
+        """Remove the first term with too little evidence if the model predicts no worse; False if none.
+
+        The model's own columns suffice: nothing that is offered is evaluated.
+        """
         look = self.look([])
         for k, term in enumerate(self.terms):
             if term.key == self.kept:
@@ -482,37 +488,37 @@ class Search:
             least = 0.0 if term.nuisance else 0.5 * threshold
             if look.evidence(k) < least:
                 rest = [one for j, one in enumerate(self.terms) if j != k]
-                if self._taken(rest, SETTINGS.max_error_increase):
+                if self._try_terms(rest, SETTINGS.max_error_increase):
                     return True
         return False
 
-    def _exchanged(self, k: int, competitor: CandidateTerm, worse: set[str]) -> bool:
-        """Replace a term by a competing one; False, and nothing changed, if that is no better. One that
-        predicts worse is noted."""
-        before, term = self._fitted(), self.terms[k]
+    def _exchange(self, k: int, competitor: CandidateTerm, worse: set[str]) -> bool:
+        """Replace term k by a competitor; False, and nothing changed, if that is no better. One that predicts
+        worse is added to `worse`."""
+        before, term = self._snapshot(), self.terms[k]
         start = replace(competitor, jump=False) if competitor.jump else competitor
         rest = [one for j, one in enumerate(self.terms) if j != k]
-        if not self.attempt([*rest, start]):
+        if not self.try_terms([*rest, start]):
             self.rejected[competitor.name] = 0.0
             worse.add(competitor.key)
-        elif self._better(term, competitor):
+        elif self._is_better_with(term, competitor):
             return True
         self._restore(before)
         return False
 
-    def _better(self, old: CandidateTerm, new: CandidateTerm) -> bool:
-        """Return True if the model with the new term, which stands last, beats the one with the old one."""
+    def _is_better_with(self, old: CandidateTerm, new: CandidateTerm) -> bool:
+        """Return True if the new term, the last, has at least the evidence of the old one in its place."""
         fresh = replace(old, effect=old.effect)
         look = self.look([fresh] if fresh.name not in {t.name for t in self.terms} else [])
         k = len(self.terms) - 1
         competitors = [value for term, value in look.competitors(k) if term.key == old.key]
         return not competitors or look.evidence(k) >= competitors[0]
 
-    def keep_stage(self) -> None:
-        """Note the model as it stands, fitted without each fold in turn."""
+    def record_stage(self) -> None:
+        """Append the present model to `stages`, with its terms fitted without each fold in turn."""
         look = self.look([])
         folds = fold_blocks(len(self.setup.drive.starts))
-        free = joined(look.columns)
+        free = join_columns(look.columns)
         by_fold = []
         for blocks in folds:
             step = np.zeros(0) if not self.terms else look.statistics.fit(free, left_out=blocks)[0]
@@ -525,6 +531,6 @@ class Search:
         self.stages.append(SelectionState(tuple(self.terms), tuple(by_fold), self.at.path, states))
 
 
-def _inside(term: CandidateTerm) -> CandidateTerm:
-    """Return the term with values that its effect can take."""
+def _within_limits(term: CandidateTerm) -> CandidateTerm:
+    """Return the term with its values clipped to the limits of its effect."""
     return term.moved(np.zeros(len(term.free)))

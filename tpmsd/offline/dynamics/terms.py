@@ -108,7 +108,7 @@ class CandidateTerm:
             raised = tuple(h + _KNOT_PROBE for h in self.effect.heights)  # type: ignore[attr-defined]
             moved = (*theta, replace(self.effect, heights=raised))  # type: ignore[call-arg]
             along = covariates[getattr(self.effect, "over", "time")]
-            return [Probe(moved, _KNOT_PROBE, weights) for weights in hats(along, knots)]
+            return [Probe(moved, _KNOT_PROBE, weights) for weights in hat_functions(along, knots)]
         out = []
         for name in self.free:
             size = self.probe_size(name)
@@ -135,7 +135,7 @@ class CandidateTerm:
 
     @property
     def unusual(self) -> bool:
-        """Return True if a value is one that hardly any car has."""
+        """Return True if a value is one that hardly any car has, by its prior."""
         if self.free[0].startswith("heights["):
             return False
         away = np.abs(self.values() - np.array(self.prior_mean)) / np.array(self.prior_std)
@@ -213,12 +213,13 @@ def candidates(
         out += [
             term_of(cls(**values), baseline, jump=True, alternatives=len(cls.grid))
             for values in cls.grid
-            if not _same(values, neutral)
+            if not _all_equal(values, neutral)
         ]
     return out
 
 
-def _same(values: Mapping[str, float], neutral: Mapping[str, float]) -> bool:
+def _all_equal(values: Mapping[str, float], neutral: Mapping[str, float]) -> bool:
+    """Return True if all values are (nearly) the neutral ones."""
     return all(abs(value - neutral[name]) < 0.03 for name, value in values.items())
 
 
@@ -233,20 +234,20 @@ def typical_values(term: CandidateTerm) -> dict[str, float]:
     return {name: abs(typical[name] - term.neutral.get(name, 0.0)) for name in term.free if name in typical}
 
 
-def spaced(first: float, last: float, step: float) -> tuple[float, ...]:
-    """Return knots from first to last, about a step apart; at least two."""
+def spaced_knots(first: float, last: float, step: float) -> tuple[float, ...]:
+    """Return evenly spaced knots from first to last, about a step apart; at least two."""
     count = max(round((last - first) / step), 1) + 1
     return tuple(float(value) for value in np.linspace(first, last, count))
 
 
-def within_rows(points_s: FloatArray, time_s: FloatArray) -> FloatArray:
+def drop_points_without_rows(points_s: FloatArray, time_s: FloatArray) -> FloatArray:
     """Return the points of time, without those whose neighbours on both sides enclose no row either."""
     rows = np.searchsorted(time_s, points_s)
     before, after = np.diff(rows, prepend=-1) > 0, np.diff(rows, append=len(time_s) + 1) > 0
     return np.asarray(points_s[before | after])
 
 
-def hats(along: FloatArray, knots: tuple[float, ...]) -> list[FloatArray]:
+def hat_functions(along: FloatArray, knots: tuple[float, ...]) -> list[FloatArray]:
     """Return the basis functions of a spline that is linear between knots and constant beyond them, (n,)
     each."""
     eye = np.eye(len(knots))
