@@ -189,7 +189,7 @@ def test_what_both_hold_is_fitted_behind_the_calibration_and_differences_are_the
 
     hypotheses = Differences(joint, common)
 
-    assert [9, 11] == [hypotheses.first(one) for one in common]
+    assert [9, 11] == [hypotheses.first_value_index(one) for one in common]
     assert (20, 12) == hypotheses.nuisance.shape
     assert [0] == [one.drive for one in hypotheses.catalogue]
     assert [0] == [one.drive for one in hypotheses.splines]

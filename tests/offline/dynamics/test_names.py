@@ -168,7 +168,7 @@ def test_a_selection_that_predicts_worse_is_no_rival(
 ) -> None:
     baseline, drive = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
     first = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
-    second = first.fork()
+    second = first.duplicate()
     first.competitor = second.competitor = CompetingSelection(nats, frozenset())
     second.error = first.error + error
 

@@ -134,7 +134,7 @@ def fit_competitors(
     where that part is the whole drive, and the keys of their terms."""
     few = search.part()
     whole = len(search.setup.drive.time_s) / len(few.setup.drive.time_s)
-    own = few.fork()
+    own = few.duplicate()
     if whole > 1.0 and any(term.name != "unknown" for term in search.named):
         own.fit()
     own.error = own.prediction_error()
@@ -176,7 +176,7 @@ def _close_competitors(look: ModelStatistics, k: int) -> list[CandidateTerm]:
 
 def _exchange_and_fit(own: Search, k: int, competitor: CandidateTerm) -> Search | None:
     """Return a copy with a competitor in place of term k, fitted; None where it predicts worse."""
-    out = own.fork()
+    out = own.duplicate()
     start = replace(competitor, jump=False)
     terms = [start if j == k else term for j, term in enumerate(out.terms)]
     if not out.try_terms(terms):

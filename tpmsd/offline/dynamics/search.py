@@ -265,7 +265,7 @@ class Search:
             first += len(own)
         return columns, probes
 
-    def fork(self) -> Search:
+    def duplicate(self) -> Search:
         """Return an independent copy of the selection."""
         out = copy(self)
         out.terms, out.stages = list(self.terms), list(self.stages)

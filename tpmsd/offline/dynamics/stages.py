@@ -38,7 +38,7 @@ def select_model(
     threshold = threshold_of(len({term.name for term in search.offered()}))
     search.record_stage()
     search.admit_nuisances()
-    plain = search.fork()
+    plain = search.duplicate()
     _grow(search, threshold, SETTINGS.max_effects, say)
     named = [term for term in search.named if term.name != "unknown"]
     if not named:
@@ -108,7 +108,7 @@ def _grow_from_unnamed_term(plain: Search, threshold: float) -> Search | None:
     Several effects of the catalogue may be proxies of one that is not in it; one term that explains more than
     all of them is the better answer.
     """
-    search = plain.fork()
+    search = plain.duplicate()
     for located in nameless(search)[: SETTINGS.tried]:
         if located.evidence > threshold and search.try_terms(
             [*search.terms, fit_located_term(search, located)]
