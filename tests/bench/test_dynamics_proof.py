@@ -87,12 +87,14 @@ def test_a_page_without_marks_is_refused_before_anything_is_computed(
 
 def test_what_is_found_at_one_speed_predicts_another() -> None:
     """Three manoeuvres of the multi-body car: yaw rate and lateral acceleration to both sides, at another
-    speed, have at most 0.6 of the 3-DOF car's errors."""
+    speed, have at most 0.6 of the 3-DOF car's errors; the first row alone is named as the baseline."""
     rng = np.random.default_rng(3)
     learnt = joined([manoeuvre(*one, rng) for one in courses(70.0)[:3]])
     judged = joined([manoeuvre(*one, rng) for one in courses(65.0)])
 
-    errors = proof("small", ThreeDof(workshop_car(), forces=True), learnt, judged, JUDGED).errors
+    proved = proof("small", ThreeDof(workshop_car(), forces=True), learnt, judged, JUDGED)
+    errors = proved.errors
 
+    assert [model == "`three-dof`" for model in proved.models] == [True] + [False] * (len(errors) - 1)
     assert errors[-1]["yaw_rate"] < 0.6 * errors[0]["yaw_rate"]
     assert errors[-1]["accel_lat"] < 0.6 * errors[0]["accel_lat"]

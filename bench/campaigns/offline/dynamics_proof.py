@@ -63,16 +63,39 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
+class Row:
+    """A model on what took no part in finding it."""
+
+    model: str
+    """What its step added and removed, or the baseline."""
+    errors: dict[str, float]
+    """By output."""
+    ratings: dict[str, float]
+
+
+@dataclass(frozen=True)
 class Proof:
     """One car with one baseline: what was found, and errors on what took no part."""
 
     title: str
     diagnosis: DynamicsDiagnosis
-    models: tuple[str, ...]
-    """What each step added, the baseline first."""
-    errors: tuple[dict[str, float], ...]
-    """By output, for each model."""
-    ratings: tuple[dict[str, float], ...]
+    rows: tuple[Row, ...]
+    """The baseline first."""
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Return the names of the rows."""
+        return tuple(row.model for row in self.rows)
+
+    @property
+    def errors(self) -> tuple[dict[str, float], ...]:
+        """Return the errors by output, for each row."""
+        return tuple(row.errors for row in self.rows)
+
+    @property
+    def ratings(self) -> tuple[dict[str, float], ...]:
+        """Return the ratings by output, for each row."""
+        return tuple(row.ratings for row in self.rows)
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
@@ -227,22 +250,22 @@ def proof(
 ) -> Proof:
     """Diagnose one drive, and predict another one from its inputs alone after each step."""
     found = diagnose_dynamics(baseline, learnt)
-    models, errors, ratings = [], [], []
+    rows: list[Row] = []
     before: tuple[str, ...] = ()
     for step in found.steps:
         new = [f"+ `{name}`" for name in step.effects if name not in before]
         gone = [f"- `{name}`" for name in before if name not in step.effects]
-        if models and not new and not gone:  # values alone moved: the row of their model has the last ones
-            errors.pop(), ratings.pop()
-        else:
-            models.append(", ".join([*new, *gone]) or f"`{baseline.name}`")
+        model = ", ".join([*new, *gone]) or f"`{baseline.name}`"
+        if rows and not new and not gone:  # values alone moved: the row of their model gets the last ones
+            model = rows.pop().model
         before = step.effects
         fitted = tuple(effect for effect in step.model if not over_time(effect))
         guess = simulated_outputs(baseline, judged, fitted)
         known = {name: np.asarray(judged.outputs[name]) for name in outputs}
-        errors.append({name: rms(known[name] - guess[name]) for name in outputs})
-        ratings.append({name: curve_rating(judged.time_s, known[name], guess[name]) for name in outputs})
-    return Proof(title, found, tuple(models), tuple(errors), tuple(ratings))
+        errors = {name: rms(known[name] - guess[name]) for name in outputs}
+        ratings = {name: curve_rating(judged.time_s, known[name], guess[name]) for name in outputs}
+        rows.append(Row(model, errors, ratings))
+    return Proof(title, found, tuple(rows))
 
 
 def over_time(effect: Any) -> bool:
