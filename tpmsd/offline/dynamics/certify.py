@@ -64,7 +64,7 @@ def certify_findings(
         say((k + 1) / (len(findings) + 1))
     left = largest_evidence(search)
     maxima = _largest_evidences(search, None, left, replicates.most, rng)
-    certain = discoveries([one.tail for one in p_values], SETTINGS.false_discovery)
+    certain = discoveries([one.tail for one in p_values], SETTINGS.false_discovery_rate)
     judged = tuple(
         replace(
             finding,

@@ -35,10 +35,6 @@ from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import typical_values
 
-MAX_P_VALUE = 0.05
-"""Largest p-value, all alternatives counted, of a finding; beyond it is a suspicion."""
-
-
 BINS = 12
 """Bins of a covariate in which residuals are shown."""
 
@@ -105,7 +101,7 @@ def promote_strongest_suspicion(found: Sequence[DynamicsFinding]) -> tuple[Dynam
         return tuple(found)
     for k, one in enumerate(found):
         better = one.loglik_gain > 0.0 and one.rms_after < SETTINGS.min_fall * one.rms_before
-        if one.p_value <= MAX_P_VALUE and better:
+        if one.p_value <= SETTINGS.max_p_value and better:
             cause = one if one.effect == "unknown" else _as_unknown(one)
             return (*found[:k], replace(cause, status=FINDING), *found[k + 1 :])
     return tuple(found)
@@ -197,7 +193,7 @@ def _finding(
     doubtful = is_improbable(against, odds)
     return DynamicsFinding(
         effect=term.name,
-        status=SUSPICION if p_value > MAX_P_VALUE or doubtful else FINDING,
+        status=SUSPICION if p_value > SETTINGS.max_p_value or doubtful else FINDING,
         confidence=0.5 * confidence if with_nameless_term else confidence,
         p_value=p_value,
         parameters=_quantities(slot),

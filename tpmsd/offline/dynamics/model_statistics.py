@@ -247,4 +247,4 @@ def threshold_of(alternatives: int) -> float:
 
     A Bayes factor exceeds K under the null with a probability of at most 1 / K (Markov's inequality).
     """
-    return math.log(alternatives / SETTINGS.false_discovery)
+    return math.log(alternatives / SETTINGS.null_finding_probability)

@@ -66,9 +66,15 @@ class DynamicsSettings:
     """Relative difference between the decrease of that sum of squares and the one that the derivatives
     predict, up to which the derivatives are kept: the noise, and so every standard deviation, is known to
     two hundredths."""
-    false_discovery: float = 0.02
+    null_finding_probability: float = 0.02
     """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
     alternatives: the bar is one in fifty."""
+    false_discovery_rate: float = 0.02
+    """Expected share of certified findings that are none (Benjamini and Hochberg), among the findings of one
+    certificate: no more than null drives may have."""
+    max_p_value: float = 0.05
+    """Largest p-value, all alternatives counted, of a finding, beyond which it is a suspicion: a second
+    opinion by the blocks' scatter about what the evidence has chosen, at the usual level."""
     max_prior_stds: float = 4.0
     """A fit stays within this many standard deviations of a prior: where a model lacks much, its terms would
     otherwise run to sizes that no car has."""
