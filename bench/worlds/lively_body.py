@@ -81,10 +81,10 @@ class Body:
         self.load_loss = hidden.get("load_dependent_stiffness", "coefficient")
         self.roll_steer = hidden.get("roll_steer", "coefficient")
         self.roll_steer_front = hidden.get("roll_steer", "front")
-        self.lean_instant = hidden.get("roll_steer", "instant")
-        self.lean_delay = hidden.get("roll_lag", "delay_s")
-        self.lean_square = hidden.get("roll_lag", "square_s2")
-        self.lean, self.lean_rate = 0.0, 0.0
+        self.roll_instant = hidden.get("roll_steer", "instant")
+        self.roll_delay = hidden.get("roll_lag", "delay_s")
+        self.roll_square = hidden.get("roll_lag", "square_s2")
+        self.roll_accel, self.roll_accel_rate = 0.0, 0.0
         self.give = hidden.get("compliance_steer", "coefficient")
         self.camber = hidden.get("camber_thrust", "coefficient")
         self.lock = hidden.get("locked_differential", "coefficient")
@@ -119,10 +119,12 @@ class Body:
             t = k * STEP_S
             first = self._rates(t, float(steer[k]), u, v, r, ax, drive, brake, lag)
             self.beside = first[3] - u * r
-            if self.lean_square:
-                bend = (first[3] - self.lean - self.lean_delay * self.lean_rate) / self.lean_square
-                self.lean_rate += STEP_S * bend
-                self.lean += STEP_S * self.lean_rate
+            if self.roll_square:
+                bend = (
+                    first[3] - self.roll_accel - self.roll_delay * self.roll_accel_rate
+                ) / self.roll_square
+                self.roll_accel_rate += STEP_S * bend
+                self.roll_accel += STEP_S * self.roll_accel_rate
             v1, r1 = v + STEP_S * first[0], r + STEP_S * first[1]
             u1 = u + STEP_S * first[2] if self.forces else float(speed[min(k + 1, n - 1)])
             l1 = [lag[i] + STEP_S * first[5 + i] for i in (0, 1)]
@@ -215,9 +217,9 @@ class Body:
     ) -> tuple[float, float, float, tuple[float, float]]:
         alpha_f = delta - (v + self.a * r) / u
         alpha_r = -(v - self.b * r) / u
-        lean = self.lean if self.lean_square else u * r + self.lean_instant * self.beside
-        alpha_f -= self.roll_steer_front * lean
-        alpha_r += self.roll_steer * lean
+        rolled = self.roll_accel if self.roll_square else u * r + self.roll_instant * self.beside
+        alpha_f -= self.roll_steer_front * rolled
+        alpha_r += self.roll_steer * rolled
         if self.give:
             alpha_f /= 1.0 + self.give * (self.a + self.b) / (self.m * self.b) * self.cf
         alpha_f, rate_f = self._relaxed(alpha_f, u, lag[0])

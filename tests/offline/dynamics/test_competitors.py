@@ -27,7 +27,7 @@ def test_a_soft_axle_and_wheels_that_give_way_are_one_to_a_linear_car(tmp_path: 
 
 
 def test_front_wheels_that_turn_by_the_acceleration_have_two_names(tmp_path: Path) -> None:
-    """Whether they lean or give way, the car moves the same: whichever is named lists the other."""
+    """Whether they turn by roll or give way, the car moves the same: whichever is named lists the other."""
     found = diagnosed(str(tmp_path), hidden(roll_steer={"front": 0.0015, "instant": 1.0}))
 
     assert len(found.findings) == 1

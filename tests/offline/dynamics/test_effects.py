@@ -179,11 +179,11 @@ def test_wheels_resist_rolling_by_their_loads() -> None:
     resists = make_dynamics_effect("rolling_resistance", coefficient=0.012)
     model = ThreeDof(CAR, forces=True)
     plain = model.rates(FORCED, U, (resists,))
-    lean = 1480.0 * 22.0 * 0.15
+    side = 1480.0 * 22.0 * 0.15
 
     turned = model.rates(FORCED, U, (resists, make_dynamics_effect("wheel_resistance", coefficient=1.0)))
 
-    assert (turned - plain)[0] == pytest.approx([0.0, -0.012 * CAR.height_m * lean / 2350.0, 0.0])
+    assert (turned - plain)[0] == pytest.approx([0.0, -0.012 * CAR.height_m * side / 2350.0, 0.0])
     assert rates("wheel_resistance", model, coefficient=1.0) == pytest.approx([0.0, 0.0, 0.0])
     assert rates("rolling_resistance", model, coefficient=0.012)[1] == pytest.approx(0.0)
 
@@ -341,11 +341,11 @@ def test_what_instruments_read() -> None:
     assert readings("yaw_rate_scale", "yaw_rate", scale=1.03) == pytest.approx(0.03 * 0.15)
     assert readings("accelerometer_bias", "accel_lat", lat_mps2=0.2) == pytest.approx(0.2)
     across = SingleTrack(CAR).read(X, U, ())["accel_lat"][0]  # the recorded a_x of -1.5 holds 0.05 of it
-    lean = G * math.sin(0.03)
-    assert readings("accelerometer_tilt", "accel_lat", roll_rad=0.03) == pytest.approx(lean)
+    gravity = G * math.sin(0.03)
+    assert readings("accelerometer_tilt", "accel_lat", roll_rad=0.03) == pytest.approx(gravity)
     assert readings("accelerometer_tilt", "accel_lat", pitch_rad=0.03) == pytest.approx(0.0)
     driven = ThreeDof(CAR, forces=True)
-    assert readings("accelerometer_tilt", "accel_long", U, driven, pitch_rad=0.03) == pytest.approx(lean)
+    assert readings("accelerometer_tilt", "accel_long", U, driven, pitch_rad=0.03) == pytest.approx(gravity)
     turned = readings("accelerometer_tilt", "accel_lat", yaw_rad=0.05)
     assert turned == pytest.approx(-0.05 * (-1.5 - 0.05 * across))
     assert readings("accelerometer_position", "accel_lat", forward_m=0.5) == pytest.approx(0.5 * turn)
@@ -622,21 +622,21 @@ def test_forces_of_wheels_that_give_way_turn() -> None:
 def test_forces_of_turned_wheels_point_where_these_do() -> None:
     """Front wheels that roll steer turns are front wheels steered so; forces of the rear ones turn with them,
     or not, where a simulation adds the turn to the slip angle alone."""
-    model, lean = ThreeDof(CAR, forces=True), 22.0 * 0.15
+    model, accel = ThreeDof(CAR, forces=True), 22.0 * 0.15
     front = make_dynamics_effect("roll_steer", front=0.002)
-    steered = replace(U, steer_rad=U.steer_rad - 0.002 * lean)
+    steered = replace(U, steer_rad=U.steer_rad - 0.002 * accel)
     assert model.rates(FORCED, U, (front,)) == pytest.approx(model.rates(FORCED, steered, ()), rel=1e-12)
     along, alone = (
         model.frame(FORCED, U, (make_dynamics_effect("roll_steer", coefficient=0.002, directed=to),))
         for to in (1.0, 0.0)
     )
-    turned, side = 0.002 * lean, float(along.side[2][0] + along.side[3][0])
+    turned, side = 0.002 * accel, float(along.side[2][0] + along.side[3][0])
     drag = float(np.asarray(along.force_x - alone.force_x)[0])
     assert drag == pytest.approx(-turned * side, rel=1e-6)
     assert along.side == pytest.approx(alone.side, rel=1e-12)
 
 
-def test_a_body_may_lean_by_all_of_the_lateral_acceleration() -> None:
+def test_a_body_may_roll_by_all_of_the_lateral_acceleration() -> None:
     """m a = F + k a, solved for a: wheels that steer by c * a_y and -c_f * a_y have k = C_r c - C_f c_f,
     those that push outwards in proportion to their load are a heavier car with the same loads."""
     model, still = SingleTrack(CAR), replace(U, accel_long_mps2=np.zeros(1))
@@ -649,13 +649,83 @@ def test_a_body_may_lean_by_all_of_the_lateral_acceleration() -> None:
 
     assert model.read(X, still, (turned,))["accel_lat"][0] == pytest.approx(across, rel=1e-3)
     assert model.rates(X, still, (turned,))[0, 1] == pytest.approx(moment / inertia, rel=2e-3)
-    leaning = make_dynamics_effect("camber_thrust", coefficient=0.05, instant=1.0)
+    rolling = make_dynamics_effect("camber_thrust", coefficient=0.05, instant=1.0)
     heavier = make_dynamics_effect("mass_error", relative=0.05)
-    one, other = (model.rates(X, still, (effect,)) for effect in (leaning, heavier))
+    one, other = (model.rates(X, still, (effect,)) for effect in (rolling, heavier))
     assert one == pytest.approx(other, rel=1e-9)
     steady = make_dynamics_effect("camber_thrust", coefficient=0.05)
     assert abs(model.rates(X, still, (steady,))[0, 0] - other[0, 0]) > 0.01
     assert rates("yaw_moment", lateral_m=0.1) == pytest.approx([0.0, 0.1 * (front + rear) / inertia])
+
+
+def test_camber_thrust_is_shared_by_stiffness_and_may_spare_the_rear() -> None:
+    """The car's weight is shared as C_f to C_r; upright rear wheels push with nothing."""
+    push = -0.05 * 1480.0 * 22.0 * 0.15
+    share = CAR.cornering_front_n / (CAR.cornering_front_n + CAR.cornering_rear_n)
+    load = (CAR.rear_m * G - CAR.height_m * -1.5) / (CAR.wheelbase_m * G)
+    for values, front, rear in (
+        ({"by_stiffness": 1.0}, share, 1.0 - share),
+        ({"rear": 0.0}, load, 0.0),
+        ({"by_stiffness": 1.0, "rear": 0.0}, share, 0.0),
+    ):
+        moment = (CAR.front_m * front - CAR.rear_m * rear) * push
+        expected = [(front + rear) * push / 1480.0, moment / 2350.0]
+        assert rates("camber_thrust", coefficient=0.05, **values)[:2] == pytest.approx(expected)
+
+
+def test_wheels_may_give_way_by_the_lateral_acceleration() -> None:
+    """They turn by -c * a_y, and m a_y = F - C_f c a_y is solved for a_y."""
+    front, rear = CAR.cornering_front_n * front_angle(), CAR.cornering_rear_n * rear_angle()
+    across = (front + rear) / (1480.0 + 0.0002 * CAR.cornering_front_n)
+    less = -0.0002 * CAR.cornering_front_n * across
+
+    changed = rates("compliance_steer", coefficient=0.0002, by_accel=1.0)
+
+    assert changed == pytest.approx([less / 1480.0, CAR.front_m * less / 2350.0], rel=2e-3)
+
+
+def test_roll_lags_the_lateral_acceleration_by_a_second_order_step() -> None:
+    """p settles at a_y; after a step of a_y it is 1 - exp(-D w t) (cos(w_d t) + D w / w_d sin(w_d t)) of it,
+    w_d = w sqrt(1 - D^2), and the effects of roll take it for a_y."""
+    frequency, damping, accel = 2.0 * math.pi * 1.5, 0.3, 4.0
+    lag = make_dynamics_effect("roll_lag", delay_s=2.0 * damping / frequency, square_s2=frequency**-2)
+    model, hold = SingleTrack(CAR), held(0.0, 20.0)
+    steady = accel * CAR.mass_kg / CAR.cornering_front_n
+    reached, rate, step = 0.0, 0.0, 0.0002
+    for k in range(1, 20_001):
+        u = replace(hold, steer_rad=np.array(steady))
+        change = model.rates(np.array([[0.0, 0.0, reached, rate]]), u, (lag,))[0]
+        assert change[2] == rate
+        rate += step * change[3]  # semi-implicit
+        reached += step * rate
+        if k in (500, 1500, 4000):
+            swing = frequency * math.sqrt(1.0 - damping**2)
+            decay, angle = math.exp(-damping * frequency * k * step), swing * k * step
+            closed = math.cos(angle) + damping * frequency / swing * math.sin(angle)
+            assert reached == pytest.approx(accel * (1.0 - decay * closed), abs=0.01)
+    assert reached == pytest.approx(accel, abs=1e-3)
+    steered = make_dynamics_effect("roll_steer", coefficient=0.002)
+    angles = [
+        model.frame(np.array([[0.0, 0.0, 1.5, 0.0]]), hold, theta).angle for theta in ((lag, steered), (lag,))
+    ]
+    assert angles[0][1] - angles[1][1] == pytest.approx(0.002 * 1.5)
+
+
+def test_roll_along_a_recording_lags_to_second_order() -> None:
+    """Without its states p = a_y - delay * da_y/dt - square * d2a_y/dt2: of sin(w t) at the rate w."""
+    time_s = np.arange(400) * 0.005
+    swing = 2.0 * math.pi * 0.5
+    u = make_inputs(time_s, np.zeros(400), np.full(400, 20.0))
+    path = np.stack([np.zeros(400), 0.1 * np.sin(swing * time_s)], axis=1)
+    steered = make_dynamics_effect("roll_steer", coefficient=0.002)
+    lag = make_dynamics_effect("roll_lag", delay_s=0.07, square_s2=0.01)
+    lagged, plain = (
+        SingleTrack(CAR).frame(path, u, theta, ("v", "r")).angle for theta in ((steered, lag), (lag,))
+    )
+    sin, cos = np.sin(swing * time_s), np.cos(swing * time_s)
+    expected = 0.002 * 2.0 * (sin - 0.07 * swing * cos + 0.01 * swing**2 * sin)
+
+    assert (lagged - plain)[1][5:-5] == pytest.approx(expected[5:-5], abs=1e-5)
 
 
 def test_the_rate_of_the_speed_is_the_specific_force_and_v_r() -> None:

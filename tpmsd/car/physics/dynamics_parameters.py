@@ -38,9 +38,9 @@ INSTANT = Parameter(
     1.0,
     0.0,
     1.0,
-    "share of dv/dt in the lateral acceleration that the body leans by: 0 for u r, 1 for all of it",
+    "share of dv/dt in the lateral acceleration that the body rolls by: 0 for u r, 1 for all of it",
 )
-"""Acceleration that an effect of the body's lean follows."""
+"""Acceleration that an effect of the body's roll follows."""
 DIRECTED = Parameter(
     "directed",
     "1",
@@ -53,7 +53,7 @@ DIRECTED = Parameter(
 """Direction of the forces of rear wheels that turn."""
 
 
-def leans(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+def values_of_instant(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
     """Return the values of `instant` to try: 0 and 1, only 0 for tyres that feel their loads.
 
     There the effect `instant_loads` sets the acceleration that the body follows.

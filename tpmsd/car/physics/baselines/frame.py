@@ -113,12 +113,12 @@ class Frame:
     """Lateral acceleration that loads and roll follow, m/s2."""
     instant: Real = field(default=0.0, kw_only=True)
     """Lateral acceleration that the tyres give, m/s2, where an effect follows it."""
-    lean: FloatArray | None = field(default=None, kw_only=True)
-    """Lateral acceleration that the body's lean has reached, m/s2, where it is a state."""
-    lean_delay: Real = field(default=0.0, kw_only=True)
-    """Delay of the lean, s, where it is none."""
-    lean_square: Real = field(default=0.0, kw_only=True)
-    """One over the angular frequency of the lean, squared, s2, where it is none."""
+    roll_accel: FloatArray | None = field(default=None, kw_only=True)
+    """Lateral acceleration at which a steady bend has the present roll angle, m/s2, where it is a state."""
+    roll_delay: Real = field(default=0.0, kw_only=True)
+    """Time by which slow roll lags the lateral acceleration, s, where it is no state."""
+    roll_square: Real = field(default=0.0, kw_only=True)
+    """One over the angular frequency of roll, squared, s2, where it is no state."""
     load: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) N."""
     transfer: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -159,17 +159,17 @@ class Frame:
         """True if the contacts are the two axles, False if they are the four wheels."""
         return len(self.angle) == 2
 
-    def leaning(self, accel: Real) -> Real:
-        """Return the lateral acceleration that the body's lean has reached where it follows this one."""
-        if self.lean is not None:
-            return self.lean
-        if is_zero(self.lean_delay) and is_zero(self.lean_square):
+    def lagged_by_roll(self, accel: Real) -> Real:
+        """Return the lateral acceleration as the body's roll, which lags it, has reached it."""
+        if self.roll_accel is not None:
+            return self.roll_accel
+        if is_zero(self.roll_delay) and is_zero(self.roll_square):
             return accel
         time_s = self.inputs.time_s
         if np.ndim(time_s) == 0 or np.shape(accel)[-1:] != np.shape(time_s) or len(time_s) < 2:
             return accel
         rate = np.gradient(accel, time_s, axis=-1)
-        return accel - self.lean_delay * rate - self.lean_square * np.gradient(rate, time_s, axis=-1)
+        return accel - self.roll_delay * rate - self.roll_square * np.gradient(rate, time_s, axis=-1)
 
     def turn(self, front: Real, rear: Real, share: Real = 1.0) -> None:
         """Turn the wheels of both axles to the left, rad: their slip angles, and where their forces point, at

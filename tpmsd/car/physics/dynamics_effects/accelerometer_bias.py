@@ -24,7 +24,7 @@ class DynamicsAccelerometerBias(DynamicsEffect):
     wording = Wording(
         formula="accelerations read = truth + (long_mps2, lat_mps2)",
         sentence="an accelerometer reads a constant more than acts",
-        distinguished_by="drive the same road there and back; only turned over, a sensor shows its lean",
+        distinguished_by="drive the same road there and back; only turned over, a sensor shows its tilt",
     )
     channel = "accel_lat"
     covariate = "time"

@@ -64,5 +64,5 @@ class DynamicsAccelerometerTilt(DynamicsEffect):
         along = out.get("accel_long", frame.accel_long - self.yaw_rad * across)
         out["accel_lat"] = across - self.yaw_rad * along + GRAVITY_MPS2 * np.sin(self.roll_rad)
         if "accel_long" in out:
-            leant = GRAVITY_MPS2 * np.sin(self.pitch_rad)
-            out["accel_long"] = out["accel_long"] + self.yaw_rad * across + leant
+            gravity = GRAVITY_MPS2 * np.sin(self.pitch_rad)
+            out["accel_long"] = out["accel_long"] + self.yaw_rad * across + gravity

@@ -1,4 +1,4 @@
-"""Wheels that lean out with the body push outwards."""
+"""Wheels that roll out of the bend with the body push outwards."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import INSTANT, leans
+from tpmsd.car.physics.dynamics_parameters import INSTANT, values_of_instant
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.car.physics.parameters import Parameter, Prior
@@ -22,9 +22,9 @@ class CamberThrust(DynamicsEffect):
     With by_stiffness = 1 the sum of both is shared as their cornering stiffnesses are; with rear = 0 the rear
     wheels stay upright, as those of a rigid axle do. To a linear car both are angles of the wheels, as those
     of roll steer.
-    a_y = u r + instant * (F_y / m - u r): the body leans by the steady acceleration or by all of it. Source:
+    a_y = u r + instant * (F_y / m - u r): the body rolls by the steady acceleration or by all of it. Source:
     camber stiffness of about 1 per rad of load, roll of 3 to 7 degrees per g of which half remains between
-    wheel and road: c of 0.02 to 0.06 ([Pacejka 2012], section 4.3), several times that where wheels lean as
+    wheel and road: c of 0.02 to 0.06 ([Pacejka 2012], section 4.3), several times that where wheels roll as
     far as the body and push with a tenth of their cornering stiffness.
     """
 
@@ -33,7 +33,7 @@ class CamberThrust(DynamicsEffect):
     kind = PHYSICS
     wording = Wording(
         formula="F_y = -c * F_z * a_y / g on each axle",
-        sentence="leaning wheels push outwards in bends",
+        sentence="wheels that roll with the body push outwards in bends",
         distinguished_by="hold steady bends at two speeds and change lanes quickly",
     )
     channel = "velocity_lat"
@@ -59,7 +59,7 @@ class CamberThrust(DynamicsEffect):
             1.0,
             "1: thrust in proportion to cornering stiffness, 0: to load",
         ),
-        Parameter("rear", "1", 1.0, 0.0, 1.0, "1: the rear wheels lean too, 0: they stay upright"),
+        Parameter("rear", "1", 1.0, 0.0, 1.0, "1: the rear wheels roll too, 0: they stay upright"),
     )
     coefficient: float = 0.0
     instant: float = 0.0
@@ -68,10 +68,12 @@ class CamberThrust(DynamicsEffect):
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return the ways to lean, and which wheels push how."""
+        """Return each acceleration that the body may roll by with each share of the axles."""
         pushes: tuple[Mapping[str, float], ...] = ({}, {"by_stiffness": 1.0}, {"rear": 0.0})
         return tuple(
-            {"by_stiffness": 0.0, "rear": 1.0, **lean, **push} for lean in leans(nonlinear) for push in pushes
+            {"by_stiffness": 0.0, "rear": 1.0, **instant, **push}
+            for instant in values_of_instant(nonlinear)
+            for push in pushes
         )
 
     def add_forces(self, frame: Frame) -> None:
@@ -90,7 +92,7 @@ class CamberThrust(DynamicsEffect):
         steady = (1.0 - self.instant) * frame.across
         by_accel = self.coefficient / GRAVITY_MPS2 * (load[0] + load[1])
         instant = (frame.force_y - by_accel * steady) / (frame.mass + by_accel * self.instant)
-        pull = -self.coefficient / GRAVITY_MPS2 * frame.leaning(steady + self.instant * instant)
+        pull = -self.coefficient / GRAVITY_MPS2 * frame.lagged_by_roll(steady + self.instant * instant)
         front, rear = load[0] * pull, load[1] * pull
         frame.force_y = frame.force_y + front + rear
         frame.moment = frame.moment + frame.front * front - frame.rear * rear

@@ -17,7 +17,7 @@ class DynamicsComplianceSteer(DynamicsEffect):
 
     F_f is the force of tyres without a limit: the axle has C / (1 + k C) instead of C. It gives way: c is
     positive. With by_accel = 1 they turn by c * a_y, as compliance measured in steady bends is stated and
-    often simulated; front wheels that steer as the body leans do the same. Source: 1 to 3 degrees per g with
+    often simulated; front wheels that steer as the body rolls do the same. Source: 1 to 3 degrees per g with
     rack and bushings, a third of it by compliance ([Gillespie 1992], ch. 6).
     """
 

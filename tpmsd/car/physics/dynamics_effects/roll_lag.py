@@ -1,4 +1,4 @@
-"""The body takes time to lean."""
+"""The body's roll lags the lateral acceleration."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
-FOLLOWS, FOLLOWS_RATE = "lean", "lean_rate"
+ROLL_ACCEL, ROLL_ACCEL_RATE = "roll_accel", "roll_accel_rate"
+"""States: p, the lateral acceleration at which a steady bend has the present roll angle, and dp/dt."""
 
 
 @dataclass(frozen=True)
 class RollLag(DynamicsEffect):
-    """p + delay_s * dp/dt + square_s2 * d2p/dt2 = a_y: what follows the body's lean follows p, not a_y.
+    """p + delay_s * dp/dt + square_s2 * d2p/dt2 = a_y: effects of the body's roll take p for a_y.
 
     With a roll of frequency f and damping D, delay_s = 2 D / w and square_s2 = 1 / w^2, w = 2 pi f. It
     changes what `roll_steer` and `camber_thrust` do, and nothing alone. Source: roll frequencies of 1 to
@@ -27,14 +28,14 @@ class RollLag(DynamicsEffect):
     name = "roll_lag"
     kind = NUISANCE
     wording = Wording(
-        formula="the body leans by p: p + delay_s * dp/dt + square_s2 * d2p/dt2 = a_y",
-        sentence="the body takes time to lean",
+        formula="the body rolls by p: p + delay_s * dp/dt + square_s2 * d2p/dt2 = a_y",
+        sentence="the body's roll lags the lateral acceleration",
         distinguished_by="weave at 0.5 to 2 Hz at a constant speed",
     )
-    order = -1  # before what follows the lean
+    order = -1  # before the effects that roll drives
     channel = "accel_lat"
     covariate = "steering_rate"
-    states = (FOLLOWS, FOLLOWS_RATE)
+    states = (ROLL_ACCEL, ROLL_ACCEL_RATE)
     state_sizes = (10.0, 100.0)  # m/s2 and, at 1.6 Hz, m/s3
     composes = False
     confounded_with = ("roll_dynamics", "steering_delay")
@@ -45,7 +46,7 @@ class RollLag(DynamicsEffect):
             0.07,
             0.0,
             0.3,
-            "time by which slow leaning lags",
+            "time by which slow roll lags",
             probe=1e-3,
             prior=Prior(0.07, 0.03, "2 D / w: 20 to 130 ms, Gillespie, ch. 6"),
             fitted=(0.005, 0.25),
@@ -71,17 +72,18 @@ class RollLag(DynamicsEffect):
         return max(1.0 / math.sqrt(square), float(np.max(self.delay_s)) / square)
 
     def adapt_angles(self, frame: Frame) -> None:
-        """State by how much the lean lags; without its states to first order, along a recording."""
-        if FOLLOWS in frame.extra:
-            frame.lean = frame.extra[FOLLOWS]
+        """Give the frame the state p for the effects that roll drives; where the states are not there, as
+        along a recorded path, the coefficients of p = a_y - delay_s * da_y/dt - square_s2 * d2a_y/dt2."""
+        if ROLL_ACCEL in frame.extra:
+            frame.roll_accel = frame.extra[ROLL_ACCEL]
         else:
-            frame.lean_delay, frame.lean_square = self.delay_s, self.square_s2
+            frame.roll_delay, frame.roll_square = self.delay_s, self.square_s2
 
     def add_rates(self, frame: Frame) -> None:
-        """Lean."""
-        if FOLLOWS not in frame.extra:
+        """Add dp/dt and d2p/dt2 = (a_y - p - delay_s * dp/dt) / square_s2, where these are states."""
+        if ROLL_ACCEL not in frame.extra:
             return
-        lean, rate = frame.extra[FOLLOWS], frame.extra[FOLLOWS_RATE]
+        reached, rate = frame.extra[ROLL_ACCEL], frame.extra[ROLL_ACCEL_RATE]
         accel = np.asarray(frame.force_y / frame.mass)
-        frame.rates[FOLLOWS] = rate
-        frame.rates[FOLLOWS_RATE] = (accel - lean - self.delay_s * rate) / self.square_s2
+        frame.rates[ROLL_ACCEL] = rate
+        frame.rates[ROLL_ACCEL_RATE] = (accel - reached - self.delay_s * rate) / self.square_s2

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import DIRECTED, INSTANT, directions, leans
+from tpmsd.car.physics.dynamics_parameters import DIRECTED, INSTANT, directions, values_of_instant
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
@@ -16,7 +16,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 class RollSteer(DynamicsEffect):
     """The rear wheels turn by c * a_y into the bend, the front ones by c_f * a_y out of it.
 
-    a_y = u r + instant * (F_y / m - u r): the body leans by the steady acceleration or by all of it. Source:
+    a_y = u r + instant * (F_y / m - u r): the body rolls by the steady acceleration or by all of it. Source:
     roll steer of 0.02 to 0.15 rad/rad times a roll of 3 to 7 degrees per g: 1e-4 to 2e-3 rad per m/s2
     ([Gillespie 1992], ch. 6).
     """
@@ -63,11 +63,13 @@ class RollSteer(DynamicsEffect):
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return the ways to lean and to point."""
-        return tuple({**lean, **to} for lean in leans(nonlinear) for to in directions(nonlinear))
+        """Return each acceleration that the body may roll by with each direction of the rear forces."""
+        return tuple(
+            {**instant, **to} for instant in values_of_instant(nonlinear) for to in directions(nonlinear)
+        )
 
     def follows_instant(self) -> bool:
-        """Return True if the body leans by more than the steady acceleration."""
+        """Return True if the body rolls by more than the steady acceleration."""
         return self.instant > 0.0
 
     def adapt_angles(self, frame: Frame) -> None:
@@ -75,5 +77,5 @@ class RollSteer(DynamicsEffect):
         accel = frame.across
         if self.instant > 0.0:
             accel = accel + self.instant * (frame.instant - accel)
-        accel = frame.leaning(accel)
+        accel = frame.lagged_by_roll(accel)
         frame.turn(-self.front * accel, self.coefficient * accel, self.directed)
