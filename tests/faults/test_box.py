@@ -150,7 +150,7 @@ def test_without_descriptors_ticks_go_on(tmp_path: Path) -> None:
             assert lines.readline()
         busy = (cpu_s(process.pid) - began_cpu_s) / (time.monotonic() - began_s)
         with pytest.raises(StatusError):
-            read_status(config.status.socket)
+            read_status(config.status.socket, 2.0)
         resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (4096, 4096))
         clients.close()
         until(config.status.socket, "an answer", lambda document: document["ticks"] > 0)

@@ -122,7 +122,7 @@ def test_a_silent_subscription_is_given_up(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A connection from which nothing comes any more is ended by the bridge; one that speaks is not."""
-    monkeypatch.setattr(vss_input, "SILENCE_S", 2.0)
+    monkeypatch.setattr(vss_input, "SILENCE_S", 1.0)
     port, broker = free_port(), Databroker(SPEEDS)
     bridge, wire = bridge_to(port)
     with databroker(broker, port):
@@ -132,12 +132,12 @@ def test_a_silent_subscription_is_given_up(
         for k in range(6):
             broker.write({FL: float(k)})
             wait_for("the value", lambda k=k: len(wire.sent) > k, PATIENCE_S)  # type: ignore[misc]
-            thread.join(0.5)
+            thread.join(0.25)
         assert thread.is_alive()
         thread.join(PATIENCE_S)
 
         assert not thread.is_alive()
-    assert "the databroker gives no values (silent for 2 s); trying again" == caplog.messages[-1]
+    assert "the databroker gives no values (silent for 1 s); trying again" == caplog.messages[-1]
 
 
 def test_a_subscription_that_ends_in_order_is_said(caplog: pytest.LogCaptureFixture) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tpmsd.foundation import text_file
 from tpmsd.interfaces.cli.main import main
 
 Setup = Callable[[Path], None]
@@ -330,6 +331,7 @@ def test_a_mistake_ends_in_one_line_and_loses_nothing(
     shutil.copytree(made, tmp_path / "d")
     mistake.setup(tmp_path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(text_file, "PIPE_PATIENCE_S", 0.2)
     before = contents(tmp_path)
     code = main(mistake.command.split())
     said = capsys.readouterr()
