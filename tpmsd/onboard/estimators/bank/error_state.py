@@ -254,8 +254,9 @@ class ProcessModel:
         pose = spread[: PSI + 1]
         bend.add_to(spread)
         bend.add_to(pose.swapaxes(0, 1))
-        for row in range(PSI + 1):
-            spread[row + 1 :, row] = pose[row, row + 1 :]
+        spread[PSI + 1 :, : PSI + 1] = pose[:, PSI + 1 :].swapaxes(0, 1)
+        for row in range(PSI):
+            spread[row, row + 1 : PSI + 1] = spread[row + 1 : PSI + 1, row]
         state[E : N + 1] += step
         state[PSI] += turn
         # The receiver's slow error fades.
