@@ -36,6 +36,15 @@ def test_front_wheels_that_turn_by_the_acceleration_have_two_names(tmp_path: Pat
     assert 0.1 < one.confidence < 0.9
 
 
+def test_front_wheels_that_steer_by_roll_may_push_by_camber(tmp_path: Path) -> None:
+    """To a linear car both are a front side force in proportion to a_y, braking or not."""
+    found = diagnosed(str(tmp_path), hidden(roll_steer={"front": 0.0012}))
+
+    (one,) = found.findings
+    assert {"camber_thrust", "roll_steer"} <= {one.effect, *one.indistinguishable_from}
+    assert 0.1 < one.confidence < 0.9
+
+
 def test_a_name_is_as_likely_as_the_selections_that_hold_it(tmp_path: Path) -> None:
     """A selection in which a name became needless beside another term's competitor counts against it."""
     where = folder(

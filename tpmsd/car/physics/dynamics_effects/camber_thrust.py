@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.frame import Frame, stack_contacts
+from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import INSTANT, values_of_instant
 from tpmsd.car.physics.effect_records import Wording
@@ -48,7 +48,7 @@ class CamberThrust(DynamicsEffect):
             0.5,
             "c",
             probe=0.0001,
-            prior=Prior(0.0, 0.06, "0.02 to 0.06, thrice it without suspension: Pacejka, section 4.3"),
+            prior=Prior(0.0, 0.1, "0.02 to 0.06, thrice it without suspension: Pacejka, section 4.3"),
         ),
         INSTANT,
         Parameter(
@@ -69,12 +69,8 @@ class CamberThrust(DynamicsEffect):
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
         """Return each acceleration that the body may roll by with each share of the axles."""
-        pushes: tuple[Mapping[str, float], ...] = ({}, {"by_stiffness": 1.0}, {"rear": 0.0})
-        return tuple(
-            {"by_stiffness": 0.0, "rear": 1.0, **instant, **push}
-            for instant in values_of_instant(nonlinear)
-            for push in pushes
-        )
+        shares = [{"by_stiffness": by, "rear": rear} for by in (0.0, 1.0) for rear in (1.0, 0.0)]
+        return tuple({**share, **instant} for instant in values_of_instant(nonlinear) for share in shares)
 
     def add_forces(self, frame: Frame) -> None:
         """Push both axles outwards.
@@ -87,7 +83,7 @@ class CamberThrust(DynamicsEffect):
         if self.by_stiffness > 0.0:
             share = frame.cornering_front / (frame.cornering_front + frame.cornering_rear)
             both = load[0] + load[1]
-            load = stack_contacts(share * both, (1.0 - share) * both)
+            load = np.stack(np.broadcast_arrays(share * both, (1.0 - share) * both))
         load = np.stack([load[0], self.rear * load[1]])
         steady = (1.0 - self.instant) * frame.across
         by_accel = self.coefficient / GRAVITY_MPS2 * (load[0] + load[1])
