@@ -9,9 +9,14 @@ import pytest
 
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
-from tpmsd.offline.dynamics.competitors import Compared, choose_best_variants, exchange_for_likelier
+from tpmsd.offline.dynamics.competitors import (
+    Compared,
+    choose_best_variants,
+    exchange_for_likelier,
+    merge_confounded_terms,
+)
 from tpmsd.offline.dynamics.findings import findings_of
-from tpmsd.offline.dynamics.path import Setup
+from tpmsd.offline.dynamics.path import Setup, smoothed
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.terms import term_of
 
@@ -108,6 +113,32 @@ def test_one_name_takes_the_place_of_two_that_are_the_same(tmp_path: Path) -> No
 
     assert [term.name for term in likeliest.named] == ["roll_steer"]
     assert likeliest.named[0].effect.values() == pytest.approx({**steered, "directed": 1.0}, abs=1e-4)
+
+
+def test_one_of_two_confounded_names_does_what_both_did(tmp_path: Path) -> None:
+    """A moment by the side force took most of roll steer that follows at once, and the lag of the rest is one
+    that roll has: no step leads from there to roll steer alone."""
+    steered = {"coefficient": 0.0006, "front": 0.0009, "instant": 1.0}
+    where = folder(tmp_path / "d", hidden(roll_steer=steered), duration_s=40.0)
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    search.record_stage()
+    both = {
+        "yaw_moment": {"lateral_m": -0.13},
+        "roll_steer": {"coefficient": 1e-4, "front": 1e-4},
+        "roll_lag": {"delay_s": 0.1, "square_s2": 0.01},
+    }
+    search.terms = [term_of(make_dynamics_effect(name, **value), baseline) for name, value in both.items()]
+    search.at = smoothed(search.setup, search.theta, search._adapt_to_states(search.at.path), search.noise)
+    search.fit_until_converged()
+    search.error = search.prediction_error()
+
+    likeliest = merge_confounded_terms(search)
+
+    assert [term.name for term in likeliest.named] == ["roll_steer"]
+    assert likeliest.named[0].values() == pytest.approx([0.0006, 0.0009], abs=1e-4)
+    assert likeliest.stages[-1].terms[0] is likeliest.terms[0]
+    assert merge_confounded_terms(likeliest) is likeliest
 
 
 def test_an_effect_acts_in_its_likeliest_variant(tmp_path: Path) -> None:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.stages import log_posterior, log_posterior_parts
-from tpmsd.offline.dynamics.terms import CandidateTerm
+from tpmsd.offline.dynamics.terms import CandidateTerm, are_confounded
 
 CompetitorNats = Mapping[str, Mapping[str, float]]
 """Log odds of competitors, by the key of the term and by the competitor's name."""
@@ -62,6 +63,8 @@ def exchange_for_likelier(search: Search) -> Compared:
         seen.add(frozenset(term.name for term in search.terms))
         other = _likelier_selection(search, look, nats, fits, seen)
         if other is None:
+            other = merge_confounded_terms(search)
+        if other is search:
             return Compared(search, look, nats, keys)
         search = other
 
@@ -92,6 +95,45 @@ def _in_best_variant(search: Search, name: str) -> Search:
     if best is not search:
         best.record_stage()
     return best
+
+
+def merge_confounded_terms(search: Search) -> Search:
+    """Return the likeliest selection in which one name does all that it and one confounded with it did.
+
+    Beside the other name, and with nuisances fitted for both, it may stand in a variant or at values from
+    which no step leads to those it has alone: nuisances are admitted anew.
+    """
+    if not any(are_confounded(*pair) for pair in permutations(search.named, 2)):
+        return search
+    few = search.part().duplicate()
+    if few.setup is not search.setup:
+        few.fit()
+        few.error = few.prediction_error()
+    best, own = None, log_posterior(few, few)
+    for kept, other in permutations(few.named, 2):
+        if not are_confounded(kept, other):
+            continue
+        rest = [term for term in few.named if term is not kept and term is not other]
+        for fixed in type(kept.effect).variants(search.setup.baseline.nonlinear):
+            terms = [*rest, replace(kept, effect=replace(kept.effect, **fixed))]
+            one = _fit_with_nuisances(few, terms)
+            if one is not None and (nats := log_posterior(one, few)) > own:
+                best, own = terms, nats
+    merged = _fit_with_nuisances(search, best) if best is not None else None
+    if merged is None or log_posterior(merged, search) <= log_posterior(search, search):
+        return search
+    merged.record_stage()
+    return merged
+
+
+def _fit_with_nuisances(search: Search, terms: list[CandidateTerm]) -> Search | None:
+    """Return a copy with these terms and the nuisances they need, fitted; None where it predicts worse."""
+    out = search.duplicate()
+    if not out._try_terms(terms, SETTINGS.plain_error_increase):
+        return None
+    out.admit_nuisances()
+    out.fit_until_converged()
+    return out if out.error <= search.error + SETTINGS.max_error_increase else None
 
 
 def _likelier_selection(
