@@ -10,7 +10,7 @@ Each name is imported on first use, so that `import tpmsd` itself takes millisec
 layers, each with a docstring of its own; a layer imports those after it alone:
 
     interfaces    what people and programs touch
-    offline       at the desk, on whole drives
+    offline       after the drive, on whole drives
     onboard       in the car, tick by tick
     car           what is known of a car
     foundation    small things without a subject

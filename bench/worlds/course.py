@@ -1,8 +1,8 @@
 """How a car moved, whatever world moved it.
 
 In: arrays. Out: `Course`, and what concealed physics makes of it: turning rates of the wheels, the gyro's
-reading, the antenna's way. Equations are written from the public table of effects alone; noise is added
-elsewhere.
+reading, the antenna's trajectory. Equations are written from the public table of effects alone; noise is
+added elsewhere.
 
 Frames: x forward, y left, z up; yaw rate and lateral acceleration positive to the left. Wheels: fl fr rl
 rr.
@@ -90,13 +90,13 @@ def radii(course: Course, spec: Spec) -> Array:
             share = np.clip((t - float(p["onset_s"])) / long, 0.0, 1.0)
             out[:, WHEEL_NAMES.index(p["wheel"])] += float(p["deviation_m"]) * share
         elif name.startswith("strange"):
-            change = strange_radius(name, p, course)
+            change = uncatalogued_radius_change(name, p, course)
             if change is not None:
                 out[:, p["wheels"]] += change[:, None]
     return out
 
 
-def strange_radius(name: str, p: dict[str, Any], course: Course) -> Array | None:
+def uncatalogued_radius_change(name: str, p: dict[str, Any], course: Course) -> Array | None:
     """Change of radius by physics of no catalogue; None where it acts elsewhere."""
     t, v = course.time_s, course.speed
     if name == "strange_speed_hump":  # a resonance: one axle shrinks around a certain speed
@@ -183,7 +183,7 @@ def antenna(course: Course, spec: Spec) -> Antenna:
     )
 
 
-def strange_speed(course: Course, spec: Spec) -> Array:
+def uncatalogued_speed_error(course: Course, spec: Spec) -> Array:
     """(n,) error of the receiver's speed by physics of no catalogue."""
     out = np.zeros(len(course.time_s))
     if "strange_heading_glitch" in spec.physics:  # a receiver that errs while the car faces one way

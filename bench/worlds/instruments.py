@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from bench.worlds import causes
-from bench.worlds.course import Course, antenna, gyro_reading, strange_speed, summed, wheel_rates
+from bench.worlds.course import Course, antenna, gyro_reading, summed, uncatalogued_speed_error, wheel_rates
 from bench.worlds.spec import Spec
 
 Array = NDArray[np.float64]
@@ -186,7 +186,7 @@ def _received(
         fix_east=(at(antenna_path.east, fix) + slow[0] + white[:, 0] + place[:, 0])[kept],
         fix_north=(at(antenna_path.north, fix) + slow[1] + white[:, 1] + place[:, 1])[kept],
         fix_up=(at(antenna_path.up, fix) + slow[2] + white[:, 2])[kept],
-        fix_speed=np.maximum(fast + at(strange_speed(course, spec), when), 0.0)[kept],
+        fix_speed=np.maximum(fast + at(uncatalogued_speed_error(course, spec), when), 0.0)[kept],
         fix_course_math=course_math[kept],
         radius_m=radius_m,
         fix_lag_s=lag[kept],

@@ -58,12 +58,12 @@ def draw_year(rng: np.random.Generator, days: float = 365.0, leak: Leak | None =
     day = _drives(rng, days)
     lost, reset = _pressures(rng, day, leak)
     radius = -_SIZE_M * lost / (1.0 - _AIR * lost)
-    radius += _temperature(rng, day) + _load(rng, day) + _wear(rng, day) + _wander(rng, day)
+    radius += _temperature(rng, day) + _load(rng, day) + _wear(rng, day) + _radius_drift(rng, day)
     radius += _tyres(rng, day, reset)
     quality = rng.uniform(*ESTIMATE_STD_M)
     std = quality * rng.lognormal(0.0, 0.3, (day.size, 4))
-    honest = rng.uniform(0.7, 1.6)
-    noise = honest * std * rng.standard_t(4.0, (day.size, 4)) / math.sqrt(2.0)
+    misstatement = rng.uniform(0.7, 1.6)
+    noise = misstatement * std * rng.standard_t(4.0, (day.size, 4)) / math.sqrt(2.0)
     noise += rng.normal(0.0, 0.2e-3, (day.size, 1))
     return Year(day, radius + noise, std, lost, reset)
 
@@ -142,7 +142,7 @@ def _wear(rng: np.random.Generator, day: Array) -> Array:
     return np.asarray(-day[:, None] * km_per_day * per_km)
 
 
-def _wander(rng: np.random.Generator, day: Array) -> Array:
+def _radius_drift(rng: np.random.Generator, day: Array) -> Array:
     """Radius drift of each wheel over days and weeks, without a cause that is known."""
     std, time_d = rng.uniform(0.0, 0.05e-3), rng.uniform(1.0, 30.0)
     return np.stack([_first_order(rng, day, std, time_d) for _ in range(4)], axis=1)

@@ -1,4 +1,4 @@
-"""Causes of other formulas, what they are by the catalogue's, and what a drive can tell of them."""
+"""Causes of other formulas, what they are by the catalogue's, and what a drive identifies of them."""
 
 from __future__ import annotations
 
@@ -250,14 +250,14 @@ def test_a_row_is_judged_by_names_wheels_and_intervals() -> None:
 
 
 def test_the_tables_hold_both_halves() -> None:
-    """Shares of drives that can tell; drives that cannot count for wrong names alone; misses are listed."""
+    """Shares of drives that identify it; others count for wrong names alone; misses are listed."""
     held_out = row(finding("wheel_lock"), seed=50_001, can=False)
     text = markdown([row(finding("chains", slip=[-0.03, 0.001])), row(seed=2), held_out])
     development, rest = text.split("### Held-out seeds")
 
-    assert "Drives that cannot tell: none. All of the other 1 effects can." in development
+    assert "Not identifiable on: none. All of the other 1 effects can." in development
     assert "- `chains` 1 " not in development
     assert "| - named first | 1/2 = 50.0 % [1.3, 98.7] | 95 % |" in development
     assert "- `chains` 2 (300 nats, 200 beyond `wheel_lock`): found: nothing" in development
-    assert "Drives that cannot tell: `chains` 1/1." in rest
+    assert "Not identifiable on: `chains` 1/1." in rest
     assert "- `chains` 50001 (300 nats" in rest

@@ -60,10 +60,10 @@ def test_the_demonstrations_drive_is_played_by_both(monkeypatch: pytest.MonkeyPa
 def test_radii_are_compared_at_the_same_speed() -> None:
     """1.0 and 2.0 mm at 30 m/s against 0.5 and 1.4 mm at 20 m/s: 0.5 mm is growth, by 0.001 mm s2/m2."""
     row = {"name": "a", "steady": [1.0, 2.0, 0.1, 0.1, 900.0]}
-    desk = [{"name": "a", "radii_mm": [0.5, 1.4], "growth": 0.001, "speed_mps": 20.0}]
-    assert [0.0, 0.1] == pytest.approx(filter_drives.off_mm(row, desk), abs=1e-12)
-    assert [] == filter_drives.off_mm(row, [])
-    assert [] == filter_drives.off_mm({"name": "a", "steady": []}, desk)
+    calibrated = [{"name": "a", "radii_mm": [0.5, 1.4], "growth": 0.001, "speed_mps": 20.0}]
+    assert [0.0, 0.1] == pytest.approx(filter_drives.radius_difference_mm(row, calibrated), abs=1e-12)
+    assert [] == filter_drives.radius_difference_mm(row, [])
+    assert [] == filter_drives.radius_difference_mm({"name": "a", "steady": []}, calibrated)
 
 
 def test_the_plan_names_every_recording(tmp_path: Path) -> None:
@@ -76,8 +76,8 @@ def test_the_plan_names_every_recording(tmp_path: Path) -> None:
     filter_drives.options(parser)
     units = filter_drives.plan(parser.parse_args(["--recordings", str(tmp_path), "--seeds", "2"]))
     kinds = [unit[0] for unit in units]
-    assert (2, 2, 2, 2) == tuple(kinds.count(what) for what in ("demo", "recording", "desk", "cost"))
-    assert ["a", "b"] == [Path(unit[1]).name for unit in units if unit[0] == "desk"]
+    assert (2, 2, 2, 2) == tuple(kinds.count(what) for what in ("demo", "recording", "calibrated", "cost"))
+    assert ["a", "b"] == [Path(unit[1]).name for unit in units if unit[0] == "calibrated"]
 
 
 def test_a_tick_is_timed_for_both_filters_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -349,7 +349,7 @@ def test_recorded_errors_replace_the_drawn_ones() -> None:
 
 
 def test_an_effect_is_concealed_in_a_drive_of_any_origin() -> None:
-    """The kind names the origin; what the drive can tell of the effect is worked out as on any other."""
+    """The kind names the origin; what the drive identifies of the effect is worked out as on any other."""
     case = draw_case("mems/gnss_latency", 1.0, 100_000)
     made = made_of(case, Path("nowhere"))
     truth = truth_of(case, made.windows)

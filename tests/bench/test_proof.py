@@ -16,7 +16,7 @@ from bench.campaigns.offline.diagnosis.score import match
 from bench.campaigns.offline.diagnosis.seal import Answer
 from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
 from bench.campaigns.offline.proof import others as other_methods
-from bench.campaigns.offline.proof.oracle import bounds, can_tell
+from bench.campaigns.offline.proof.oracle import are_identifiable, bounds
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import page
 from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth, wrong
@@ -158,10 +158,10 @@ def test_a_method_that_fails_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_misses_stand_on_the_page_beside_hits() -> None:
     """The page says of every drive if it was a hit, a miss or a wrong name, with markup escaped."""
-    rows = [Row("a", "x", hit=True), Row("b", "y<z", tellable=False), Row("c", "z", wrong=True)]
+    rows = [Row("a", "x", hit=True), Row("b", "y<z", identifiable=False), Row("c", "z", wrong=True)]
     rows += [Row("d", "nothing", hit=True), Row("e", "slope", hit=True, known=True)]
     text = page(rows, 5)
-    assert "1 of 2 concealed effects that their drives can tell are named first, 1 of 3 in all" in text
+    assert "1 of 2 concealed effects that their drives identify are named first, 1 of 3 in all" in text
     assert "1 drive with a wrong name" in text and "y&lt;z" in text
     assert all(f"{row.drive}: {row.verdict}" in text for row in rows) and "SEED=5" in text
     assert 'data-head="verdict"' in text, "on a phone each cell has the head of its column"
@@ -185,20 +185,20 @@ def test_verdict_and_picture_stand_before_the_table() -> None:
 
 
 def test_the_oracle_asks_for_gain_and_for_margin() -> None:
-    """An effect counts as tellable with 64 nats, 8 of them beyond its best alternative."""
+    """An effect counts as identifiable with 64 nats, 8 of them beyond its best alternative."""
     effect = Concealed("x", "x", {}, 64.0, 8.0, "y", [], [], [], [])
-    assert can_tell([effect])
-    assert not can_tell([effect, replace(effect, gain=63.9)])
-    assert not can_tell([replace(effect, margin=7.9)])
+    assert are_identifiable([effect])
+    assert not are_identifiable([effect, replace(effect, gain=63.9)])
+    assert not are_identifiable([replace(effect, margin=7.9)])
     assert bounds([effect]) == "64 nats, 8 more than y"
 
 
 def test_the_oracle_tells_a_larger_effect_and_not_a_smaller_one(tmp_path: Path) -> None:
-    """The gain goes with the square of the size: at an eighth the same drive cannot tell growth."""
+    """The gain goes with the square of the size: at an eighth growth is not identifiable."""
     made = [draw_case("centrifugal_growth", strength, 7) for strength in (1.0, 0.125)]
     large, small = (truth_of(case, make(case, tmp_path).windows).effects for case in made)
-    assert can_tell(large)
-    assert not can_tell(small)
+    assert are_identifiable(large)
+    assert not are_identifiable(small)
 
 
 def test_the_oracle_knows_the_split_of_a_drive_as_rival_of_shifted_load(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_the_oracle_knows_the_split_of_a_drive_as_rival_of_shifted_load(tmp_path
         made = make(replace(case, spec=replace(case.spec, driven=driven)), tmp_path)
         (effect,) = truth_of(case, made.windows).effects
         assert (effect.alternative == "drive_split") is split
-        assert can_tell([effect]) is not split
+        assert are_identifiable([effect]) is not split
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Offline: what is done at the desk, on whole drives. It may import `onboard`, `car` and `foundation`.
+"""Offline: what is done after the drive, on whole drives. It may import `onboard`, `car` and `foundation`.
 
 In: recorded drives, users' tables, a route. Out: records and documents: radii and tracks (`calibration`),
 missing physics (`diagnosis` on the core of `inference`, `planning` for the drive that would tell more), an

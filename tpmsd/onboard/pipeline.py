@@ -83,10 +83,10 @@ class Pipeline:
         if config.obd.speed:
             flag = EXTENDED if config.obd.extended_ids else 0
             self._speed_keys = frozenset(number | flag for number in config.obd.answer_ids)
-        self._heeded = np.array(sorted({self._reset_key} | self._speed_keys), dtype=np.int64)
+        self._control_ids = np.array(sorted({self._reset_key} | self._speed_keys), dtype=np.int64)
         """Identifiers of frames that are for others than the decoder."""
         self._block: FrameBlock | None = None
-        self._heeded_at: list[int] = []
+        self._control_at: list[int] = []
         """Indices in the present block at which they stand."""
         self._reset_s = -math.inf
         self._on_tick: Callable[[Tick], object] | None = None
@@ -107,7 +107,9 @@ class Pipeline:
     ) -> list[Step]:
         """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
         steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, bus))
-        self._heed(time_s, arbitration_id | EXTENDED if is_extended else arbitration_id, data, bus)
+        self._handle_control_frame(
+            time_s, arbitration_id | EXTENDED if is_extended else arbitration_id, data, bus
+        )
         return steps
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Step]:
@@ -115,13 +117,13 @@ class Pipeline:
         (channels,): number of the bus of each channel."""
         if block is not self._block:
             data_frame = block.flags & (ERROR | REMOTE) == 0
-            heeded = np.flatnonzero(data_frame & np.isin(block.identifier, self._heeded))
-            self._block, self._heeded_at = block, heeded.tolist()
-        first = bisect_left(self._heeded_at, start)
-        for place in self._heeded_at[first : bisect_left(self._heeded_at, stop, first)]:
+            control_frames = np.flatnonzero(data_frame & np.isin(block.identifier, self._control_ids))
+            self._block, self._control_at = block, control_frames.tolist()
+        first = bisect_left(self._control_at, start)
+        for place in self._control_at[first : bisect_left(self._control_at, stop, first)]:
             yield from self._run_each(self._blocks.on_frames(block, start, place + 1, bus))
             key, number = int(block.identifier[place]), int(bus[block.channel[place]])
-            self._heed(float(block.time_s[place]), key, block.payload(place), number)
+            self._handle_control_frame(float(block.time_s[place]), key, block.payload(place), number)
             start = place + 1
         yield from self._run_each(self._blocks.on_frames(block, start, stop, bus))
 
@@ -132,7 +134,7 @@ class Pipeline:
             self._reset(request)
         return steps
 
-    def _heed(self, time_s: float, key: int, data: bytes, bus: int) -> None:
+    def _handle_control_frame(self, time_s: float, key: int, data: bytes, bus: int) -> None:
         """Take a frame that is for others than the decoder; `key`: its identifier, marked if of 29 bits."""
         if key == self._reset_key and bus == 0:
             self._asked(time_s, data)

@@ -47,7 +47,7 @@ def plan(effects: list[str], first: int, number: int) -> list[Job]:
 
 
 def make(job: Job, folder: Path) -> Row:
-    """Write the drive's folder; what is true of it, and how surely it can be told."""
+    """Write the drive's folder; what is true of it, and how surely it is identifiable."""
     rng = generator(job.effect, job.seed, 1)
     drawn = draw(job.effect, rng)
     fixed = {"duration_s": float(rng.uniform(SHORTEST_S, LONGEST_S)), **drawn.fixed}
@@ -80,7 +80,7 @@ def described(row: Row) -> str:
     """A row as one line."""
     found = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in row.get("findings", []))
     reported = row.get("benchmark_fault") or row.get("error") or found or row.get("verdict")
-    return f"{row['effect']} seed {row['seed']} (can tell: {row.get('can')}): {reported}"
+    return f"{row['effect']} seed {row['seed']} (identifiable: {row.get('can')}): {reported}"
 
 
 def options(parser: argparse.ArgumentParser) -> None:

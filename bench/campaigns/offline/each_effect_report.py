@@ -1,6 +1,6 @@
 """The tables of the campaign `each-effect`.
 
-In: rows. Out: Markdown. Shares bear 95 % intervals of Clopper and Pearson. A drive can tell an effect by
+In: rows. Out: Markdown. Shares bear 95 % intervals of Clopper and Pearson. A drive identifies an effect by
 `effect_tells.py`; `named` and `named first` are of such drives, wrong names of all drives. Names that are
 true beside the effect are passed over: they are neither first nor wrong.
 """
@@ -74,7 +74,7 @@ def _totals(rows: Sequence[Row]) -> str:
     held = [abs(z) <= STDS for row in can for _, z in errors(row)]
     lines = ["| figure | measured | bar |", "| --- | --- | --- |"]
     for name, part, bar in (
-        ("drives that can tell", count(row["can"] for row in rows), ""),
+        ("drives that identify it", count(row["can"] for row in rows), ""),
         ("- named", count(map(named, can)), ""),
         ("- named first", count(map(named_first, can)), "95 %"),
         ("- of these on the right wheels", count(right_wheels(row) for row in can if _on_wheels(row)), ""),
@@ -95,7 +95,7 @@ def _unknown(row: Row) -> bool:
 
 
 def _telling(rows: Sequence[Row]) -> str:
-    """Return the effects that some drives cannot tell, with their number, and how many others there are."""
+    """Return the effects that some drives do not identify, with their number, and how many others."""
     blind, others = [], 0
     for effect in CASES:
         can = [row["can"] for row in rows if row["effect"] == effect]
@@ -104,7 +104,7 @@ def _telling(rows: Sequence[Row]) -> str:
         elif can:
             others += 1
     reported = f"All of the other {others} effects can. Misses:\n"
-    return f"Drives that cannot tell: {', '.join(blind) or 'none'}. {reported}"
+    return f"Not identifiable on: {', '.join(blind) or 'none'}. {reported}"
 
 
 def _misses(rows: Sequence[Row]) -> str:

@@ -64,7 +64,7 @@ class Tells:
 
     @property
     def can(self) -> bool:
-        """Whether the drive can tell the effect."""
+        """Whether the drive identifies the effect."""
         return self.gain >= TELLS_GAIN and self.margin >= max(TELLS_MARGIN, FORMULAS_SHARE * self.gain)
 
 

@@ -43,8 +43,8 @@ from tpmsd.onboard.sources.can.decoder import load_database
 
 Row = dict[str, Any]
 Unit = tuple[str, str, int]
-"""What (demo, recording, desk, cost), of which wheel or folder, seed or number of wheels."""
-DEMO, RECORDING, DESK, COST = "demo", "recording", "desk", "cost"
+"""What (demo, recording, calibrated, cost), of which wheel or folder, seed or number of wheels."""
+DEMO, RECORDING, CALIBRATED, COST = "demo", "recording", "calibrated", "cost"
 PARTICLES = 500
 PIECE = 500
 """Ticks after which the filters take turns."""
@@ -56,7 +56,7 @@ def plan(args: argparse.Namespace) -> list[Unit]:
     folders = [str(args.recordings / name) for name in args.drives or names(args.recordings)]
     units: list[Unit] = [(DEMO, args.wheel, seed) for seed in range(1, args.seeds + 1)]
     units += [(COST, "puncture", wheels) for wheels in (2, 4)]
-    units += [(what, folder, 0) for what in (RECORDING, DESK) for folder in folders]
+    units += [(what, folder, 0) for what in (RECORDING, CALIBRATED) for folder in folders]
     return units
 
 
@@ -75,8 +75,8 @@ def work(unit: Unit) -> list[Row]:
     what, name, number = unit
     if what == COST:
         return costs(number)
-    if what == DESK:
-        return desk(Path(name))
+    if what == CALIBRATED:
+        return calibrated_radii(Path(name))
     if what == RECORDING:
         drive = read_drive(Path(name))
         return [{"what": what, "name": drive.name, **played(with_method(drive, one), one)} for one in METHODS]
@@ -129,7 +129,7 @@ def played(drive: Drive, method: str) -> Row:
     }
 
 
-def desk(folder: Path) -> list[Row]:
+def calibrated_radii(folder: Path) -> list[Row]:
     """Rear radii of a recording by `calibrate`, mm from nominal, at what speed, and the growth with its
     square, mm s2/m2; none where it cannot be calibrated."""
     try:
@@ -141,7 +141,9 @@ def desk(folder: Path) -> list[Row]:
     radii = [1e3 * (wheels[WHEELS[wheel]]["radius_m"] - nominal[wheel]) for wheel in (RL, RR)]
     growth = 1e3 * found["effects"]["growth"]["value"] if "growth" in found["effects"] else 0.0
     speed = found["reference_speed_mps"]
-    return [{"what": DESK, "name": folder.name, "radii_mm": radii, "growth": growth, "speed_mps": speed}]
+    return [
+        {"what": CALIBRATED, "name": folder.name, "radii_mm": radii, "growth": growth, "speed_mps": speed}
+    ]
 
 
 def costs(wheels: int) -> list[Row]:
@@ -162,9 +164,9 @@ def costs(wheels: int) -> list[Row]:
     return [{"what": COST, "name": f"{wheels} wheels", "ms": cost, "ratio": ratio}]
 
 
-def off_mm(row: Row, desk_rows: Sequence[Row]) -> list[float]:
+def radius_difference_mm(row: Row, calibrated_rows: Sequence[Row]) -> list[float]:
     """Rear radii on line minus `calibrate`'s, moved to the same speed; empty where either is unknown."""
-    known = [one for one in desk_rows if one["name"] == row["name"]]
+    known = [one for one in calibrated_rows if one["name"] == row["name"]]
     if not known or not row["steady"]:
         return []
     grown = known[0]["growth"] * (row["steady"][4] - known[0]["speed_mps"] ** 2)
@@ -183,7 +185,7 @@ def _demonstration(rows: Sequence[Row]) -> list[str]:
     return [*lines, ""]
 
 
-def _recordings(rows: Sequence[Row], desk_rows: Sequence[Row]) -> list[str]:
+def _recordings(rows: Sequence[Row], calibrated_rows: Sequence[Row]) -> list[str]:
     """Return the table of the recordings, and those that have neither an alarm nor a figure in a sentence."""
     lines = [
         "| recording | filters | alarms | poses lost | rl, rr above 20 m/s off `calibrate`, mm |",
@@ -192,7 +194,7 @@ def _recordings(rows: Sequence[Row], desk_rows: Sequence[Row]) -> list[str]:
     quiet: dict[str, list[str]] = {}
     cells: dict[tuple[str, str, int], list[tuple[str, str]]] = {}
     for row in rows:
-        off = ", ".join(f"{value:+.2f}" for value in off_mm(row, desk_rows))
+        off = ", ".join(f"{value:+.2f}" for value in radius_difference_mm(row, calibrated_rows))
         if not off and not row["said"] and not row["lost_pose"]:
             quiet.setdefault(row["name"], []).append(f"`{row['method']}`")
             continue
@@ -219,9 +221,11 @@ def _costs(rows: Sequence[Row]) -> list[str]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """Tables of the demonstration, the recordings and the cost, as far as each was measured."""
-    kinds = {what: [row for row in rows if row["what"] == what] for what in (DEMO, RECORDING, DESK, COST)}
+    kinds = {
+        what: [row for row in rows if row["what"] == what] for what in (DEMO, RECORDING, CALIBRATED, COST)
+    }
     lines = _demonstration(kinds[DEMO]) if kinds[DEMO] else []
-    lines += _recordings(kinds[RECORDING], kinds[DESK]) if kinds[RECORDING] else []
+    lines += _recordings(kinds[RECORDING], kinds[CALIBRATED]) if kinds[RECORDING] else []
     return "\n".join([*lines, *(_costs(kinds[COST]) if kinds[COST] else [])])
 
 

@@ -54,7 +54,7 @@ def compared(folder: Path) -> list[dict[str, Any]]:
     rows = []
     for place, wheel in enumerate(REAR):
         radius = found["wheels"][WHEELS[wheel]]
-        desk = radius["radius_m"] + grown - drive.config.vehicle.wheel_radius_m[wheel]
+        calibrated_m = radius["radius_m"] + grown - drive.config.vehicle.wheel_radius_m[wheel]
         rows.append(
             {
                 "drive": drive.name,
@@ -62,9 +62,10 @@ def compared(folder: Path) -> list[dict[str, Any]]:
                 "speed_mps": speed2**0.5,
                 "on_line_mm": 1e3 * float(on_line[place]),
                 "on_line_std_mm": 1e3 * float(stated[place]),
-                "calibrate_mm": 1e3 * desk,
+                "calibrate_mm": 1e3 * calibrated_m,
                 "calibrate_std_mm": 1e3 * radius["radius_std_m"],
-                "within": abs(float(on_line[place]) - desk) <= BAR_M and float(stated[place]) <= BAR_M,
+                "within": abs(float(on_line[place]) - calibrated_m) <= BAR_M
+                and float(stated[place]) <= BAR_M,
             }
         )
     return rows

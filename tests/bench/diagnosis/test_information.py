@@ -1,4 +1,4 @@
-"""What a drive can tell, against closed forms."""
+"""What a drive identifies, against closed forms."""
 
 from __future__ import annotations
 

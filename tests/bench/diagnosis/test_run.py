@@ -106,12 +106,12 @@ def test_the_report_counts_a_wrong_name_as_missed_and_false() -> None:
 
 
 def test_the_report_has_a_row_for_kinds_with_a_miss_alone() -> None:
-    """A kind that is found without a false name is in the list, one that no drive can tell in the other."""
+    """A kind that is found without a false name is in the list, one that no drive identifies in the other."""
     right = {**ROW, "kind": "habit", "names": [], "first": True, "detectable_found": 1, "false": []}
     text = markdown(summary([ROW, right, {**right, "kind": "small", "detectable": 0, "detectable_found": 0}]))
 
     assert "| gnss_latency | 1 | 1/1 | 0/1 | 0/1 | 1 | 99 |" in text
-    assert "first on all 1 other drives that can tell, of 1 kinds.\nNo drive can tell: small 1." in text
+    assert "first on all 1 other drives that identify it, of 1 kinds.\nNo drive identifies: small 1." in text
 
 
 def test_a_failure_is_listed_with_the_command_that_makes_its_drive_again() -> None:

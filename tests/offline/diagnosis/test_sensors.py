@@ -11,7 +11,7 @@ import pytest
 from bench.worlds.instruments import Drive
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.sensors.errors import sensor_errors
+from tpmsd.offline.diagnosis.sensors.errors import fit_sensor_errors
 from tpmsd.offline.diagnosis.sensors.readings import CLOCK, ROLES, rows_of
 from tpmsd.offline.diagnosis.sensors.unusual import deviations_beyond, unusual
 from tpmsd.offline.inference.recording import Recording
@@ -64,7 +64,7 @@ def test_sensors_in_order_have_no_finding(sound: Drive) -> None:
 
     assert {"accel_long", "accel_lat", "steering"} == set(rows_of(reader))
     assert [] == unusual([reader], 400.0, False)
-    assert 0.0 == max(deviations_beyond(one, False) for one in sensor_errors(reader))
+    assert 0.0 == max(deviations_beyond(one, False) for one in fit_sensor_errors(reader))
 
 
 def test_each_error_is_named_with_its_size(sound: Drive) -> None:

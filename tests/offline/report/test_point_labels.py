@@ -7,7 +7,7 @@ import itertools
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.offline.report.point_labels import CORNERS, Name, box_of, choose_corners
+from tpmsd.offline.report.point_labels import CORNERS, Name, choose_corners, label_box
 
 WIDE, TALL = 300.0, 120.0
 
@@ -15,7 +15,7 @@ WIDE, TALL = 300.0, 120.0
 def apart(names: list[Name]) -> bool:
     """Whether no two names share a spot, and all are inside."""
     boxes = [
-        box_of(name, corner) for name, corner in zip(names, choose_corners(names, WIDE, TALL), strict=True)
+        label_box(name, corner) for name, corner in zip(names, choose_corners(names, WIDE, TALL), strict=True)
     ]
     inside = all(b[0] >= 0.0 and b[1] >= 0.0 and b[2] <= WIDE and b[3] <= TALL for b in boxes)
     return inside and not any(

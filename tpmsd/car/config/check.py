@@ -61,7 +61,7 @@ class _Checker:
     def check(self) -> CheckResult:
         """Return the result of all checks."""
         parsed = self._parsed
-        self._check_interface()
+        self._check_python_can_backend()
         found: dict[str, tuple[Message, Signal]] = {}
         if parsed.dbc is not None:
             databases = self._load_databases(parsed.dbc)
@@ -100,7 +100,8 @@ class _Checker:
     def _add_warning(self, what: str, table: str, key: str) -> None:
         self._warnings.append(self._problem_at(BadValueError(what), table, key))
 
-    def _check_interface(self) -> None:
+    def _check_python_can_backend(self) -> None:
+        """Report a `[can] interface` that python-can does not know."""
         name = self._table("can").get("interface")
         if isinstance(name, str) and name.strip() and name.strip() not in can.VALID_INTERFACES:
             near = nearest(name, can.VALID_INTERFACES)

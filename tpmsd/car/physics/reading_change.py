@@ -43,15 +43,15 @@ def wheel_rotation_factors(motion: Motion, car: Car, model: ExtendedModel) -> Fl
     return np.clip(factors, *FACTORS)
 
 
-def shown_angle(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
+def indicated_angle(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
     """Return the angle that counts show, at the configured teeth, for a true angle; same shape."""
     shown = angle_rad + model.tooth_angle_error_rad(angle_rad, wheel)
     teeth = model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
     return np.asarray(shown * teeth)
 
 
-def shown_rate_factor(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
-    """Derivative of `shown_angle` by the true angle; same shape."""
+def indicated_rate_factor(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
+    """Derivative of `indicated_angle` by the true angle; same shape."""
     before, after = (
         model.tooth_angle_error_rad(angle_rad + step, wheel) for step in (-ANGLE_STEP_RAD, ANGLE_STEP_RAD)
     )

@@ -104,7 +104,7 @@ def lateral_and_yaw_accel(
 
 
 def road_wheel_cos_sin(inputs: StepInputs) -> tuple[FloatArray, FloatArray]:
-    """Return (4,) cosine and sine of the steering angle of each wheel, 0 for the rear ones."""
+    """Return (4,) cosine and sine of each wheel's steering angle; that of the rear wheels is zero."""
     return np.cos(inputs.steer_rad * _STEERED), np.sin(inputs.steer_rad * _STEERED)
 
 

@@ -29,7 +29,7 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right, top."""
 
 
-def box_of(name: Name, corner: tuple[int, int]) -> Box:
+def label_box(name: Name, corner: tuple[int, int]) -> Box:
     """Return the (left, bottom, right, top) of a name at a corner of its point, in points of 1/72 inch."""
     right, up = corner
     left = name.x_pt + (GAP_PT if right > 0 else -GAP_PT - name.width_pt)
@@ -47,12 +47,12 @@ def choose_corners(names: Sequence[Name], width_pt: float, height_pt: float) -> 
     for name in names:
 
         def cost(corner: tuple[int, int], name: Name = name) -> float:
-            box = box_of(name, corner)
+            box = label_box(name, corner)
             inside = _overlap_area(box, (0.0, 0.0, width_pt, height_pt))
             return name.width_pt * name.height_pt - inside + sum(_overlap_area(box, other) for other in taken)
 
         corner = min(CORNERS, key=cost)
-        taken.append(box_of(name, corner))
+        taken.append(label_box(name, corner))
         chosen.append(corner)
     return chosen
 

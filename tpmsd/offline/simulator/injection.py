@@ -16,8 +16,8 @@ from tpmsd.car.physics.reading_change import (
     AntennaChange,
     FixChange,
     acts_by_road_slope,
-    shown_angle,
-    shown_rate_factor,
+    indicated_angle,
+    indicated_rate_factor,
     wheel_rotation_factors,
 )
 from tpmsd.foundation.errors import ConfigError
@@ -82,14 +82,14 @@ class Injection:
         more = self._more_unsigned_rad if unsigned else self._more_rad
         true = np.interp(time_s, self._edges_s, self._angle_rad[:, wheel])
         angle = true + np.interp(time_s, self._edges_s, more[:, wheel])
-        return np.asarray(shown_angle(angle, wheel, self._car, self._model) - true)
+        return np.asarray(indicated_angle(angle, wheel, self._car, self._model) - true)
 
     def speed_factor(self, wheel: int, host_s: FloatArray) -> FloatArray:
         """Return the (m,) factor by which effects change a wheel's speed."""
         time_s = self.since_start_s(host_s)
         both = self._angle_rad[:, wheel] + self._more_rad[:, wheel]
         angle = np.interp(time_s, self._edges_s, both)
-        rate = shown_rate_factor(angle, wheel, self._car, self._model)
+        rate = indicated_rate_factor(angle, wheel, self._car, self._model)
         return np.asarray(np.interp(time_s, self._edges_s, self._factor[:, wheel]) * rate)
 
     def changed_sensor_values(self, role: str, host_s: FloatArray, values: FloatArray) -> FloatArray:

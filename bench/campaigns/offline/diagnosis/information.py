@@ -1,4 +1,4 @@
-"""How much a drive can tell at best: least squares under the known noise, written apart from the diagnosis.
+"""How much a drive identifies at best: least squares under the known noise, written apart from the diagnosis.
 
 In: `Windows` and columns of differences (w, 9, p). Out: their Gram matrix (p, p) with the car's unknown
 motion and all correlated noise taken out. Half a diagonal element is the log-likelihood that the difference

@@ -264,11 +264,12 @@ def _kinds(by_kind: Sequence[dict[str, Any]]) -> list[str]:
         else:
             blind.append(f"{each['kind']} {each['drives']}")
     head = [
-        "| kind missed | strength | can tell | right name first | effects found | false names | gain, nats |",
+        "| kind missed | strength | identifiable | right name first | effects found | false names"
+        " | gain, nats |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    rest = f"The right name is first on all {drives} other drives that can tell, of {kinds} kinds."
-    return [*head, *lines, "", rest, f"No drive can tell: {', '.join(blind) or 'none'}."]
+    rest = f"The right name is first on all {drives} other drives that identify it, of {kinds} kinds."
+    return [*head, *lines, "", rest, f"No drive identifies: {', '.join(blind) or 'none'}."]
 
 
 def wrong(row: Row) -> list[str]:
@@ -310,7 +311,7 @@ def failing(rows: Sequence[Row], state: str) -> str:
         out.append(f"## {row['kind']} x{row['strength']:g} seed {row['seed']}: {' | '.join(reasons)}")
         out.append(f"- truth: {json.dumps(row.get('truth', {}))}")
         out.append(
-            f"- can tell {row.get('detectable')} of {row.get('wanted')}: gains {row.get('gains')}, "
+            f"- identifiable {row.get('detectable')} of {row.get('wanted')}: gains {row.get('gains')}, "
             f"margins {row.get('margins')} against {row.get('rivals')}"
         )
         for finding in row.get("found", []):

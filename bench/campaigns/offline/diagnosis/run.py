@@ -168,7 +168,7 @@ def run(args: argparse.Namespace, wanted: Plan) -> list[dict[str, Any]]:
         partial(guarded, courses=courses, program=args.program, replayed=replayed),
         lambda entry, row: (
             f"{row['kind']} x{row['strength']:g} seed {row['seed']}: {row.get('names', row.get('error'))}"
-            f" (can tell {row.get('detectable', '?')}, found {row.get('detectable_found', '?')})"
+            f" (identifiable {row.get('detectable', '?')}, found {row.get('detectable_found', '?')})"
         ),
         jobs=args.jobs,
         minutes=args.minutes,

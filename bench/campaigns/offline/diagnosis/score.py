@@ -87,7 +87,7 @@ def _false(findings: list[dict[str, Any]], strays: list[int]) -> dict[str, Any]:
 
 
 def _wanted(effects: list[Concealed]) -> dict[str, Any]:
-    """Columns about the effects that are to be found, and how far a drive can tell them."""
+    """Columns about the effects that are to be found, and how far a drive identifies them."""
     return {
         "wanted": [each.key for each in effects],
         "gains": [round(each.gain, 1) for each in effects],

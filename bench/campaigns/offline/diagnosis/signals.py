@@ -20,8 +20,8 @@ from bench.worlds.course import (
     antenna,
     gyro_reading,
     hub_speeds,
-    strange_speed,
     summed,
+    uncatalogued_speed_error,
     wheel_rates,
 )
 from bench.worlds.instruments import Drive
@@ -88,7 +88,7 @@ class Windows:
             return np.interp(when, course.time_s, values)
 
         ve, vn, heading = at(antenna_path.east_mps), at(antenna_path.north_mps), at(course.heading)
-        out[:, 5] = mean(np.hypot(ve, vn) + at(strange_speed(course, spec)))
+        out[:, 5] = mean(np.hypot(ve, vn) + at(uncatalogued_speed_error(course, spec)))
         turned = np.remainder(np.arctan2(vn, ve) - heading + np.pi, 2 * np.pi) - np.pi
         out[:, 6] = mean(np.where(np.hypot(ve, vn) > 0.5, heading + turned, heading))
         out[:, 7], out[:, 8] = mean(at(antenna_path.east)), mean(at(antenna_path.north))

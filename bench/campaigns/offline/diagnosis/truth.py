@@ -1,4 +1,4 @@
-"""What a case conceals, and how much of it its drive can tell: what is sealed.
+"""What a case conceals, and how much of it its drive identifies: what is sealed.
 
 In: `Case` and its windows. Out: `Truth`, plain numbers that go into the sealed folder and from there to the
 scorer. "Can tell" of an effect: the log-likelihood that it brings under the known noise, once calibration and
@@ -55,7 +55,7 @@ class Concealed:
 
     @property
     def detectable(self) -> bool:
-        """Whether the data can tell it."""
+        """Whether the data identify it."""
         return self.gain >= TELLS_GAIN and self.margin >= TELLS_MARGIN
 
 
@@ -176,7 +176,7 @@ def alternatives(windows: Windows, base: Physics) -> list[tuple[str, Array]]:
 
 
 def truth_of(case: Case, windows: Windows) -> Truth:
-    """What is concealed and what of it can be told."""
+    """What is concealed and what of it is identifiable."""
     out = Truth(case.kind, case.strength, case.seed, case.world, driving_s=int(windows.read[:, 0].sum()))
     own = windows.channels(rolling(case))
     if ORIGINS[case.world].own_tyres:
@@ -356,7 +356,7 @@ def spans_of(mask: np.ndarray) -> list[list[float]]:
 
 
 def detectable_names(truth: Truth) -> list[str]:
-    """Names that a diagnosis should give, for effects that the data can tell."""
+    """Names that a diagnosis should give, for effects that the data identify."""
     return [each.effect for each in truth.effects if each.detectable and not each.inherent]
 
 

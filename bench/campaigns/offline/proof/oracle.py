@@ -1,4 +1,4 @@
-"""Which concealed effects a drive can tell at all, by an oracle that knows the form of each.
+"""Which concealed effects a drive identifies at all, by an oracle that knows the form of each.
 
 In: a concealed effect with what `diagnosis.truth` computes of it. Out: yes or no. The oracle knows the true
 motion, the size of all noise, the form of the concealed effect and of every alternative, and fits only these:
@@ -20,8 +20,8 @@ MARGIN = TELLS_MARGIN
 """Nats: an alternative that wins by chance in 2 of 100 drives."""
 
 
-def can_tell(wanted: Sequence[Concealed]) -> bool:
-    """Return True where the drive can tell every one of the concealed effects from its alternatives."""
+def are_identifiable(wanted: Sequence[Concealed]) -> bool:
+    """Return True where the drive distinguishes every one of the concealed effects from its alternatives."""
     return all(each.gain >= GAIN and each.margin >= MARGIN for each in wanted)
 
 

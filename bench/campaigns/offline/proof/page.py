@@ -41,14 +41,15 @@ def concealed(rows: Sequence[Row]) -> list[Row]:
 
 
 def headline(rows: Sequence[Row]) -> str:
-    """Return the verdict: concealed effects found of those that can be told, of all, and wrong names."""
+    """Return the verdict: concealed effects found of those that are identifiable, of all, and wrong names."""
     asked = concealed(rows)
-    tellable = [row for row in asked if row.tellable]
+    identifiable = [row for row in asked if row.identifiable]
     wrong = sum(row.wrong for row in rows)
     names = "no wrong name" if not wrong else f"{wrong} drive{'s' if wrong > 1 else ''} with a wrong name"
     return (
-        f"{sum(row.hit for row in tellable)} of {len(tellable)} concealed effects that their drives can tell"
-        f" are named first, {sum(row.hit for row in asked)} of {len(asked)} in all, {names}"
+        f"{sum(row.hit for row in identifiable)} of {len(identifiable)} concealed effects that"
+        f" their drives identify are named first, {sum(row.hit for row in asked)} of {len(asked)} in all,"
+        f" {names}"
     )
 
 
@@ -63,7 +64,7 @@ def page(rows: Sequence[Row], seed: int) -> str:
         "<p>Each drive of a world was made by programs that import nothing of the diagnosis. The truth was"
         " sealed before the diagnosis began, and opened after it: <code>sha256sum truth-1.json</code>"
         " gives what was printed first. An oracle, a best-case fit that"
-        " knows motion, noise and the form of every effect, says which drives can tell theirs at all: those"
+        " knows motion, noise and the form of every effect, says which drives identify theirs at all: those"
         " with 64 nats, and 8 more than the best alternative brings. Recordings do not count: of each one"
         " name is known, from the road, from the driving or since it was injected, and a real car has others"
         " beside it. Worlds: <i>kinematic</i> has a receiver with drawn errors, <i>receiver</i> one with"

@@ -6,7 +6,8 @@
 Out: a table in the terminal and PAGE. Exit code 1 where a name is wrong. The truth of every drive is written
 first and its SHA-256 printed; a process of its own then diagnoses the drive's folder, and only then is the
 truth read. The origin `receiver` draws from errors of recorded receivers; without recordings `kinematic`
-stands in its place. An `oracle` says which of the effects their drives can tell: these must be named first.
+stands in its place. An `oracle` says which of the effects are identifiable on their drives:
+these must be named first.
 PySINDy and gplearn are given the same folders (`pip install -e '.[proof]'`).
 """
 
@@ -32,7 +33,7 @@ from bench.campaigns.offline.diagnosis.make import Made, make
 from bench.campaigns.offline.diagnosis.score import match, score
 from bench.campaigns.offline.diagnosis.seal import Answer, asked
 from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
-from bench.campaigns.offline.proof.oracle import bounds, can_tell
+from bench.campaigns.offline.proof.oracle import are_identifiable, bounds
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import headline, page
 from bench.campaigns.offline.proof.seal import Seal, opened, seal
@@ -69,7 +70,7 @@ class Row:
     wrong: bool = False
     known: bool = False
     """A recording, of which one name is known and other names are not judged; it does not count."""
-    tellable: bool = True
+    identifiable: bool = True
     """By the oracle."""
     oracle: str = ""
     said: str = ""
@@ -83,14 +84,14 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """Hit, miss, wrong name, or what the drive cannot tell."""
+        """Hit, miss, wrong name, or not identifiable."""
         if self.wrong:
             return "WRONG NAME"
         if self.known:
             return "found" if self.hit else "not found"
         if self.hit:
-            return "hit" if self.tellable else "hit (beyond what the oracle asks)"
-        return "miss" if self.tellable else "miss (this drive cannot tell it)"
+            return "hit" if self.identifiable else "hit (beyond what the oracle asks)"
+        return "miss" if self.identifiable else "miss (not identifiable on this drive)"
 
 
 def drawn(seed: int, recordings: Path) -> list[Case]:
@@ -190,7 +191,7 @@ def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str,
     row = Row(case.world, ", ".join(each.effect for each in wanted) or "nothing", sha256=sha256)
     row.truth = listed({name: value for each in wanted for name, value in each.parameters.items()})
     row.inherent = held_besides(truth)
-    row.tellable, row.oracle = can_tell(wanted), bounds(wanted)
+    row.identifiable, row.oracle = are_identifiable(wanted), bounds(wanted)
     if answer.error or answer.document.get("reason"):
         row.named = answer.error or str(answer.document["reason"])
         return row
@@ -209,7 +210,7 @@ def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str,
 
 def wrong(finding: Mapping[str, Any], wanted: Sequence[Concealed]) -> bool:
     """Return True for a finding that the drive does not hold, unless it is unsure of its name and lists a
-    concealed effect among those that the drive cannot tell from it.
+    concealed effect among those that the drive cannot distinguish from it.
     """
     listed_too = {each.effect for each in wanted} & set(finding["indistinguishable_from"])
     return finding["confidence"] > SURE or not listed_too

@@ -33,8 +33,9 @@ class SensorError:
     rms_after: float
 
 
-def sensor_errors(reader: Reader) -> list[SensorError]:
-    """Every error that the drive's sensors tell."""
+def fit_sensor_errors(reader: Reader) -> list[SensorError]:
+    """Return the least-squares estimate and standard deviation of each sensor-error parameter that the drive
+    identifies, of sound sensors too; empty on too short a drive."""
     rows = rows_of(reader)
     probes = [probe for probe, reads in sensor_probes() if set(reads) & set(rows)]
     if not rows or not probes:

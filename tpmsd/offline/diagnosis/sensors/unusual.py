@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from tpmsd.car.physics.catalogue import EFFECTS, parameters_of
 from tpmsd.car.physics.effect import Effect
 from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.offline.diagnosis.sensors.errors import SensorError, sensor_errors
+from tpmsd.offline.diagnosis.sensors.errors import SensorError, fit_sensor_errors
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.windows import Reader
 
@@ -22,7 +22,7 @@ def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Fin
     best: dict[str, tuple[float, Finding]] = {}
     for reader in readers:
         by_effect: dict[str, list[SensorError]] = {}
-        for one in sensor_errors(reader):
+        for one in fit_sensor_errors(reader):
             by_effect.setdefault(one.probe.effect, []).append(one)
         for name, errors in by_effect.items():
             beyond = [one for one in errors if deviations_beyond(one, speeds) > SETTINGS.sensors.beyond_stds]

@@ -210,7 +210,7 @@ class Judge:
         nuisance_m2 = self.nuisance_m2 + self._other_tyres_m2(other_tyres)
         ratios = self._resonance_log_ratios(resonance)
         averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_covariance_of_mean_m2(mean.samples)
-        against = [self._comparison(ratios, other_tyres, one) for one in before]
+        against = [self._comparison_setup(ratios, other_tyres, one) for one in before]
         of_drive: ComparisonResult | None = None
         models: dict[str, float] = {}
         similar: Weighed | None = None
@@ -294,11 +294,11 @@ class Judge:
         all_wheels_row = self._sizes.all_wheels_row
         return float(sizes @ all_wheels_row) if sizes.size == all_wheels_row.size else 0.0
 
-    def _comparison(
+    def _comparison_setup(
         self, ratios: FloatArray | None, other_tyres: bool, before: ChangeSinceStart | None = None
     ) -> Comparison:
-        """Return the comparison for a window by the car's thresholds; without sizes where the tyres are
-        others."""
+        """Return the comparison of hypotheses for one window, with the car's thresholds and the resonance's
+        log-likelihood `ratios`; after a change of tyres without the hypotheses of another tyre size."""
         # Of other tyres the covariance holds what they may be larger already.
         sizes = None if other_tyres else self._size_rows_of_window(before)
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
@@ -317,7 +317,9 @@ class Judge:
         found = with_sizes(change_m, total_m2, log_weight, self._radius, self._sizes, every=True)
         as_learned = np.tile(before.resized, len(self._sizes.mean)) & (found.row == 0)
         found = replace(found, log_weight=np.where(as_learned, -np.inf, found.log_weight))
-        lost = self._comparison(None, other_tyres=False).compare_hypotheses(found).table.lost_probability
+        lost = (
+            self._comparison_setup(None, other_tyres=False).compare_hypotheses(found).table.lost_probability
+        )
         self._of_beginning.append((before, self._sizes.rows_of_window(found, lost)))
         return self._of_beginning[-1][1]
 
@@ -389,7 +391,7 @@ class Judge:
             return cached[2:]
         nuisance_m2 = self._lasting_m2 + self._other_tyres_m2(other_tyres)
         covariance_m2, log_weight = change_hypotheses.with_nuisance(nuisance_m2)
-        against = self._comparison(log_ratios, other_tyres)
+        against = self._comparison_setup(log_ratios, other_tyres)
         kept = change_hypotheses.likely_indices(log_weight)
         if other_tyres:
             kept = kept[change_hypotheses.row[kept] == 0]
@@ -433,7 +435,7 @@ class Judge:
         if other_tyres:
             against = Comparison(self._radius, self._threshold)
             return self._to_four_wheels(against.compare(change.change_m, covariance_m2).deflated)
-        found = self._compare_change("now", change, covariance_m2, self._comparison(None, False), {})
+        found = self._compare_change("now", change, covariance_m2, self._comparison_setup(None, False), {})
         return self._to_four_wheels(found.verdict.deflated)
 
     def _nuisance_covariance_of_mean_m2(self, samples: int) -> FloatArray:
