@@ -381,6 +381,20 @@ def test_ages_of_readings_and_of_the_steering() -> None:
     assert shifted.steer_rad[50] == pytest.approx(steer[45])
 
 
+def test_inputs_are_shifted_once_for_models_that_differ_in_other_effects() -> None:
+    """Models with one delay of the steering share their inputs, and so what is interpolated of them."""
+    time = 0.01 * np.arange(200)
+    u = make_inputs(time, 0.02 * np.sin(3.0 * time))
+
+    def late(delay_s: float) -> Inputs:
+        return make_dynamics_effect("steering_delay", delay_s=delay_s).shift_series(u)
+
+    first = late(0.05)
+    assert late(0.05) is first
+    assert not np.array_equal(late(0.06).steer_rad, first.steer_rad)
+    assert np.array_equal(late(0.05).steer_rad, first.steer_rad)
+
+
 def test_steering_ratio_and_offset() -> None:
     """The ratio divides the angle; the offset is that of the recorded angle, through the ratio."""
     front = CAR.cornering_front_n / 1480.0

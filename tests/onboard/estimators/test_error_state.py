@@ -188,6 +188,21 @@ def test_a_leaning_cars_radii_turn_it_by_their_share(
         assert abs(numeric) == pytest.approx(by_state, rel=0.01, abs=1e-3)
 
 
+def test_a_covariance_stays_symmetric_where_the_pose_is_not_known() -> None:
+    """Of variances of 1e7 m2 each tick's rounding leaves 1e-9 m2: both halves are rounded alike."""
+    model = ProcessModel(NOMINAL, TRACK_M, False)
+    mean, covariance = initial_state(20, NOMINAL)
+    covariance[:, [E, N], [E, N]] = 1e7
+    for k in range(100):
+        turn = 0.01 * math.sin(k)
+        model.propagate(
+            mean, covariance, TickMotion(TICK_S, np.array([6.0, 6.0 + turn]), 0.0, 0.0, True), 1.0
+        )
+        mean[:, PSI] += np.linspace(0.0, 1.0, 20)
+
+    np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
+
+
 def test_steering_replaces_the_wheels_turn() -> None:
     """With a steered curvature the turn is way times curvature, eq. (38c): radii no longer turn the car."""
     model = ProcessModel(NOMINAL, TRACK_M, False)

@@ -63,7 +63,7 @@ class PaperFit:
 
 
 @dataclass(frozen=True)
-class _SimulatedDrive:
+class _DriveInPieces:
     revolutions: FloatArray
     """(n, 2) turned by rl and rr in each tick."""
     reference: ReferencePose
@@ -138,7 +138,7 @@ def un_fused_path(
     return out
 
 
-def _prepared_drive(recording: Recording, start: Vehicle, s: PaperSettings) -> _SimulatedDrive:
+def _prepared_drive(recording: Recording, start: Vehicle, s: PaperSettings) -> _DriveInPieces:
     """Return the drive's wheel revolutions, reference pose, blocks and pieces."""
     turned = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) / (2 * math.pi)
     block = (np.arange(len(turned)) * recording.dt_s / BLOCK_S).astype(int)
@@ -146,7 +146,7 @@ def _prepared_drive(recording: Recording, start: Vehicle, s: PaperSettings) -> _
     count = max(round(float(distance[-1]) / PIECE_M), 1)
     bounds = np.searchsorted(distance, distance[-1] * np.arange(count + 1) / count)
     pieces = [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
-    return _SimulatedDrive(turned, reference_pose(recording, start, s.side_slip), block, pieces)
+    return _DriveInPieces(turned, reference_pose(recording, start, s.side_slip), block, pieces)
 
 
 def _with_circumferences(start: Vehicle, c: FloatArray) -> Vehicle:
@@ -164,7 +164,7 @@ def _distance_and_turn(
     return d.mean(axis=1), (d[:, 1] - d[:, 0]) / track_m
 
 
-def _mean_pose_error(drives: list[_SimulatedDrive], c: FloatArray, track_m: float) -> float:
+def _mean_pose_error(drives: list[_DriveInPieces], c: FloatArray, track_m: float) -> float:
     """Return the mean distance (m) of un-fused odometry from the reference over all poses of all pieces."""
     distances = []
     for drive in drives:
@@ -176,7 +176,7 @@ def _mean_pose_error(drives: list[_SimulatedDrive], c: FloatArray, track_m: floa
 
 
 def _normal_equations(
-    drive: _SimulatedDrive, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
+    drive: _DriveInPieces, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return (b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
     reference = drive.reference
@@ -198,7 +198,7 @@ def _normal_equations(
 
 
 def _filtered_poses(
-    drive: _SimulatedDrive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
+    drive: _DriveInPieces, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> FloatArray:
     """Return (n + 1, 3) poses by the EKF of eqs (4)-(7)."""
     distance, turn = _distance_and_turn(drive.revolutions, c, track_m)

@@ -20,7 +20,16 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.exponential import MAX_DECAY, exponential_step
-from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, Unlimited, frame_of, is_zero, like
+from tpmsd.car.physics.baselines.frame import (
+    Earlier,
+    Frame,
+    Real,
+    Unlimited,
+    frame_of,
+    is_zero,
+    like,
+    stack_contacts,
+)
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect, effects_before_forces, sorted_by_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -443,7 +452,7 @@ def lateral_transfer(frame: Frame) -> FloatArray:
     Each axle takes the transfer of the mass that it carries: dF / F0 = 2 h a_y / (g t).
     """
     pull = 2.0 * frame.height * frame.across / GRAVITY_MPS2
-    return np.stack(np.broadcast_arrays(pull / frame.track_front, pull / frame.track_rear))
+    return stack_contacts(pull / frame.track_front, pull / frame.track_rear)
 
 
 def pad_axes(*arrays: FloatArray) -> list[FloatArray]:

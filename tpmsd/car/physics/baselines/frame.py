@@ -175,9 +175,19 @@ class Frame:
         """Turn the wheels of both axles to the left, rad: their slip angles, and where their forces point, at
         the rear by a `share` of it."""
         turned = (front, rear) if self.axles else (front, front, rear, rear)
-        self.angle = self.angle + like(np.stack(np.broadcast_arrays(*turned)), self.angle)
+        self.angle = self.angle + like(stack_contacts(*turned), self.angle)
         self.turned_front = self.turned_front + front
         self.turned_rear = self.turned_rear + share * rear
+
+
+def stack_contacts(*values: Real) -> FloatArray:
+    """Return values of contacts, which broadcast together, as one array (contacts, ...).
+
+    NumPy's own functions for it take longer than the arithmetic on a drive of some minutes."""
+    out = np.empty((len(values), *np.broadcast(*values).shape))
+    for contact, value in enumerate(values):
+        out[contact] = value
+    return out
 
 
 def like(contacts: FloatArray, shape: FloatArray) -> FloatArray:

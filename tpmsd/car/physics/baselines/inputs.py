@@ -32,6 +32,8 @@ class Inputs:
     """Sum of the brake forces at the road, positive."""
     _shifts: dict[float, Inputs] = field(init=False, default_factory=dict, compare=False, repr=False)
     """The last ones interpolated, by the time they are shifted by: derivatives ask for the same ones."""
+    _steered: dict[float, Inputs] = field(init=False, default_factory=dict, compare=False, repr=False)
+    """The last one whose steering was shifted, which keeps what is interpolated of it."""
 
     def at(self, fraction: float) -> Inputs:
         """Return the inputs held over a step (zero-order hold)."""
@@ -61,6 +63,16 @@ class Inputs:
             self.drive_n,
             self.brake_n,
         )
+
+    def with_steering_shifted(self, by_s: float) -> Inputs:
+        """Return the inputs with the steering of `by_s` seconds later."""
+        known = self._steered.get(by_s)
+        if known is None:
+            then = self.shifted(by_s)
+            known = replace(self, steer_rad=then.steer_rad, steer_rate_radps=then.steer_rate_radps)
+            self._steered.clear()
+            self._steered[by_s] = known
+        return known
 
     def _interpolated(self, by_s: float) -> Inputs:
         """Return the inputs of n rows at times between them: steering by a cubic, the others linear.

@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
-from tpmsd.car.physics.baselines.frame import Frame, Real, Unlimited, is_zero, like
+from tpmsd.car.physics.baselines.frame import Frame, Real, Unlimited, is_zero, like, stack_contacts
 from tpmsd.car.physics.baselines.names import SINGLE_TRACK
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
@@ -23,7 +23,7 @@ def _carried_force_share(frame: Frame, linear: FloatArray, friction: Real) -> Fl
     """Return the share of the linear force that each axle carries, (2, ...): the mean of its two wheels."""
     load = frame.load
     if not is_zero(frame.ellipse):
-        longitudinal = np.stack(np.broadcast_arrays(*axle_forces(frame)))
+        longitudinal = stack_contacts(*axle_forces(frame))
         load = load * (1.0 - frame.ellipse * (1.0 - lateral_friction_share(longitudinal, friction, load)))
     if is_zero(frame.wheel_loads):
         return grip_share(linear, friction, load, frame.tyre_shape)
@@ -45,14 +45,14 @@ class SingleTrack(Baseline):
         base = frame.front + frame.rear
         rise = frame.mass * frame.ahead * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
-        frame.load = np.stack(np.broadcast_arrays(weight * frame.rear - rise, weight * frame.front + rise))
+        frame.load = stack_contacts(weight * frame.rear - rise, weight * frame.front + rise)
         frame.transfer = lateral_transfer(frame)
 
     def _fill_slip_angles(self, frame: Frame) -> None:
         """Fill in the axles' slip angles, linear in the motion, and stiffnesses."""
         front = frame.steer - (frame.v + frame.front * frame.r) / frame.u
         rear = -(frame.v - frame.rear * frame.r) / frame.u
-        frame.angle = np.stack(np.broadcast_arrays(front, rear))
+        frame.angle = stack_contacts(front, rear)
         stiff = np.broadcast_arrays(frame.cornering_front, frame.cornering_rear)
         frame.stiffness = like(np.stack(stiff), frame.angle)
 

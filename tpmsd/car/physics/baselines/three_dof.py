@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, axle_forces, lateral_transfer, pad_axes
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
-from tpmsd.car.physics.baselines.frame import Frame, Unlimited, is_zero, like
+from tpmsd.car.physics.baselines.frame import Frame, Unlimited, is_zero, like, stack_contacts
 from tpmsd.car.physics.baselines.names import THREE_DOF
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
@@ -41,7 +41,7 @@ class ThreeDof(Baseline):
         left_front = 0.5 * weight * frame.rear * frame.transfer[0]
         left_rear = 0.5 * weight * frame.front * frame.transfer[1]
         loads = (front - left_front, front + left_front, rear - left_rear, rear + left_rear)
-        frame.load = np.stack(np.broadcast_arrays(*loads))
+        frame.load = stack_contacts(*loads)
 
     def _fill_slip_angles(self, frame: Frame) -> None:
         """Fill in the wheels' slip angles and stiffnesses."""
@@ -52,7 +52,7 @@ class ThreeDof(Baseline):
         across = (ahead, ahead, behind, behind)
         turned = (frame.steer, frame.steer, 0.0, 0.0)
         angles = [t - np.arctan(a / u) for t, a, u in zip(turned, across, along, strict=True)]
-        frame.angle = np.stack(np.broadcast_arrays(*angles))
+        frame.angle = stack_contacts(*angles)
         front_n, rear_n = np.broadcast_arrays(
             0.5 * np.asarray(frame.cornering_front), 0.5 * np.asarray(frame.cornering_rear)
         )
@@ -101,7 +101,7 @@ def _side_force_by_ellipse(frame: Frame, side: FloatArray, load: FloatArray) -> 
     """Return the (4, ...) side forces, limited to the friction that longitudinal forces leave (ellipse)."""
     assert frame.friction is not None
     front, rear = (0.5 * np.asarray(one) for one in axle_forces(frame))
-    longitudinal = np.stack(np.broadcast_arrays(front, front, rear, rear))
+    longitudinal = stack_contacts(front, front, rear, rear)
     longitudinal, load, slip, side = pad_axes(longitudinal, load, slip_of_axle_forces(frame), side)
     left = load * lateral_friction_share(longitudinal, frame.friction, load)
     alone = side * (1.0 + slip)
@@ -111,5 +111,5 @@ def _side_force_by_ellipse(frame: Frame, side: FloatArray, load: FloatArray) -> 
 def slip_of_axle_forces(frame: Frame) -> FloatArray:
     """Return the (4, ...) longitudinal slip at which wheels carry their shares of drive and brake force."""
     halves = [0.5 * np.asarray(one) / frame.longitudinal for one in axle_forces(frame)]
-    force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MAX_SLIP_FORCE, MAX_SLIP_FORCE)
+    force = np.clip(stack_contacts(*halves), -MAX_SLIP_FORCE, MAX_SLIP_FORCE)
     return np.repeat(force / (1.0 - force), 2, axis=0)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Frame, stack_contacts
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
@@ -59,7 +57,7 @@ class AeroDownforce(DynamicsEffect):
         press = 0.5 * frame.air_kgpm3 * frame.u**2
         front, rear = self.front_m2 * press, self.rear_m2 * press
         if len(frame.load) == 2:
-            frame.load = frame.load + np.stack(np.broadcast_arrays(front, rear))
+            frame.load = frame.load + stack_contacts(front, rear)
             return
         halves = (0.5 * front, 0.5 * front, 0.5 * rear, 0.5 * rear)
-        frame.load = frame.load + np.stack(np.broadcast_arrays(*halves))
+        frame.load = frame.load + stack_contacts(*halves)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Frame, stack_contacts
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import INSTANT, values_of_instant
 from tpmsd.car.physics.effect_records import Wording
@@ -83,7 +83,7 @@ class CamberThrust(DynamicsEffect):
         if self.by_stiffness > 0.0:
             share = frame.cornering_front / (frame.cornering_front + frame.cornering_rear)
             both = load[0] + load[1]
-            load = np.stack(np.broadcast_arrays(share * both, (1.0 - share) * both))
+            load = stack_contacts(share * both, (1.0 - share) * both)
         load = np.stack([load[0], self.rear * load[1]])
         steady = (1.0 - self.instant) * frame.across
         by_accel = self.coefficient / GRAVITY_MPS2 * (load[0] + load[1])

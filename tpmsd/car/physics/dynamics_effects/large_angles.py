@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Frame, stack_contacts
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import formula_coefficient
 from tpmsd.car.physics.effect_records import Wording
@@ -50,7 +50,7 @@ class LargeAngles(DynamicsEffect):
         """Replace linear slip angles by their arctangents."""
         front = (frame.v + frame.front * frame.r) / frame.u
         rear = (frame.v - frame.rear * frame.r) / frame.u
-        less = np.stack(np.broadcast_arrays(front - np.arctan(front), rear - np.arctan(rear)))
+        less = stack_contacts(front - np.arctan(front), rear - np.arctan(rear))
         frame.angle = frame.angle + self.coefficient * less
 
     def add_forces(self, frame: Frame) -> None:

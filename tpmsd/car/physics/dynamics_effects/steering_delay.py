@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
@@ -49,5 +49,4 @@ class SteeringDelay(DynamicsEffect):
 
     def shift_series(self, inputs: Inputs) -> Inputs:
         """Interpolate angle and rate at the earlier time."""
-        then = inputs.shifted(-self.delay_s)
-        return replace(inputs, steer_rad=then.steer_rad, steer_rate_radps=then.steer_rate_radps)
+        return inputs.with_steering_shifted(-self.delay_s)

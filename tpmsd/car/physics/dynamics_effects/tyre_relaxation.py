@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from tpmsd.car.physics.baselines.frame import Frame, Real
+from tpmsd.car.physics.baselines.frame import Frame, Real, stack_contacts
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
@@ -124,4 +124,4 @@ def _angle_rates(frame: Frame, axle: FloatArray) -> FloatArray:
     r_rate = (frame.front * front - frame.rear * rear) / frame.inertia
     ahead = frame.inputs.steer_rate_radps - (v_rate + frame.front * r_rate) / frame.u
     behind = -(v_rate - frame.rear * r_rate) / frame.u
-    return np.stack(np.broadcast_arrays(ahead, behind))
+    return stack_contacts(ahead, behind)

@@ -85,11 +85,11 @@ class Proposal:
     on: str
     """Wheels with their signs, or a reading, as a spline term has them."""
     coefficient: float
+    """In metres of radius, or the reading's unit, per `unit`."""
     std: float
+    """Standard deviation of the coefficient."""
     unit: str
-    """Standard deviation of the formula's value; the coefficient is in metres of radius, or the reading's
-    unit, per this.
-    """
+    """Unit of the formula's value; `1` without one."""
     gain: float
     """Nats in sample."""
     heldout_gain: float

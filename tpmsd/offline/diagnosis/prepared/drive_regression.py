@@ -69,9 +69,9 @@ class Refined:
     """A ramp or a pulse of wheels' radii, a nonlinear effect or a shape's hat off the grid."""
 
     wheels: tuple[int, ...] = ()
-    """Times of a ramp or a pulse."""
+    """Numbers of the wheels that a ramp or a pulse acts on."""
     first: float = 0.0
-    """Onset (s) or value of the parameter that enters nonlinearly."""
+    """Onset (s) of a ramp or a pulse, or value of the parameter that enters nonlinearly."""
     second: float = 0.0
     """Duration (s); of a pulse its end (s); of a nonlinear effect its second such parameter, 0 if there is
     none."""

@@ -248,12 +248,15 @@ class ProcessModel:
         np.sin(middle, out=along[1])
         step = along * travel
         # F P F' with F = I + B, of which only the pose's rows hold anything: P + B P in those rows, then
-        # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored.
+        # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored, and so
+        # is the pose's own half, in which both orders of the sums are rounded differently.
         bend = self._pose_derivative(along, step, travel, turn, motion, share)
         pose = spread[: PSI + 1]
         bend.add_to(spread)
         bend.add_to(pose.swapaxes(0, 1))
         spread[PSI + 1 :, : PSI + 1] = pose[:, PSI + 1 :].swapaxes(0, 1)
+        for row in range(PSI):
+            spread[row, row + 1 : PSI + 1] = spread[row + 1 : PSI + 1, row]
         state[E : N + 1] += step
         state[PSI] += turn
         # The receiver's slow error fades.
