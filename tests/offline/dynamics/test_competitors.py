@@ -13,6 +13,7 @@ from tpmsd.offline.dynamics.competitors import (
     Compared,
     choose_best_variants,
     exchange_for_likelier,
+    fit_competitors,
     merge_confounded_terms,
 )
 from tpmsd.offline.dynamics.findings import findings_of
@@ -76,6 +77,22 @@ def test_a_name_is_as_likely_as_the_selections_that_hold_it(tmp_path: Path) -> N
     )
     assert 1.0 / after.confidence - 1.0 / before.confidence == pytest.approx(math.e)
     assert "cornering_stiffness_error" in after.indistinguishable_from
+
+
+def test_a_nuisance_that_a_competitor_is_offered_is_offered_to_the_selection_too(tmp_path: Path) -> None:
+    """Roll lag explains a late gyro in part: gained by a competitor alone it would outweigh the true name."""
+    hides = hidden(roll_steer={"front": 0.0015, "instant": 1.0}, gyro_delay={"delay_s": 0.02})
+    baseline, drive = loaded(folder(tmp_path / "d", hides, duration_s=200.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    search.record_stage()
+    search.terms = [term_of(make_dynamics_effect("roll_steer", front=0.0015, instant=1.0), baseline)]
+    search.fit_until_converged()
+    search.record_stage()
+
+    nats, _, _ = fit_competitors(search, search.look(search.offered()))
+
+    assert "compliance_steer" in nats["roll_steer"]
+    assert all(value < 3.0 for value in nats["roll_steer"].values())
 
 
 def test_a_name_that_is_plainly_likelier_takes_the_place_of_the_one_selected(tmp_path: Path) -> None:

@@ -179,6 +179,9 @@ def fit_competitors(
     own = few.duplicate()
     if whole > 1.0 and any(term.name != "unknown" for term in search.named):
         own.fit()
+        own.error = own.prediction_error()
+        if own.admit_nuisances():  # competitors have those that the part favours beside them
+            own.fit_until_converged()
     own.error = own.prediction_error()
     out: dict[str, dict[str, float]] = {}
     fits: dict[tuple[str, str], Search] = {}
