@@ -15,7 +15,7 @@ from tests.offline.dynamics.test_baselines import CAR, held, settled
 from tpmsd.car.physics import dynamics_effects
 from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.car.physics.baselines.dugoff import grip_share
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Frame, sine
 from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
 from tpmsd.car.physics.baselines.single_track import SingleTrack
 from tpmsd.car.physics.baselines.table import BASELINES
@@ -425,6 +425,14 @@ def test_what_is_no_effect_is_refused(name: str, values: dict[str, object]) -> N
     """A wrong name, parameter, value, place or order of knots is one line."""
     with pytest.raises(ConfigError, match="effect"):
         make_dynamics_effect(name, **values)
+
+
+def test_the_sine_by_the_tangent_is_the_sine() -> None:
+    """Within rounding, and of the angle's sign, for every angle within a half turn."""
+    angle = np.linspace(-math.pi, math.pi, 2001)
+
+    assert sine(angle) == pytest.approx(np.sin(angle), rel=1e-14, abs=1e-15)
+    assert np.array_equal(sine(-angle), -sine(angle))
 
 
 def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.frame import Real
+from tpmsd.car.physics.baselines.frame import Real, sine
 from tpmsd.foundation.wheels import FloatArray
 
 _SHAPE, _CURVATURE = 1.3, -0.5
@@ -39,7 +39,7 @@ def grip_share(linear_n: FloatArray, friction: Real, load_n: FloatArray, shape: 
         out = out + np.maximum(towards, 0.0) * (brush - dugoff)
     if np.any(towards < 0.0):
         b = 1.0 / (2.0 * _SHAPE * np.maximum(limit, 1e-9))
-        magic = np.sin(_SHAPE * np.arctan(b - _CURVATURE * (b - np.arctan(b)))) / (_SHAPE * b)
+        magic = sine(_SHAPE * np.arctan(b - _CURVATURE * (b - np.arctan(b)))) / (_SHAPE * b)
         out = out + np.maximum(-towards, 0.0) * (magic - dugoff)
     return np.asarray(out)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Frame, sine
 from tpmsd.car.physics.dynamics_effect import FREE, PHYSICS, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -80,7 +80,7 @@ class DynamicsRoadGrade(_Spline):
 
     def add_forces(self, frame: Frame) -> None:
         """Pull backwards."""
-        frame.gravity_x = frame.gravity_x - GRAVITY_MPS2 * np.sin(self.at(frame.inputs.time_s))
+        frame.gravity_x = frame.gravity_x - GRAVITY_MPS2 * sine(self.at(frame.inputs.time_s))
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class DynamicsRoadBank(_Spline):
 
     def add_forces(self, frame: Frame) -> None:
         """Pull to the right."""
-        frame.gravity_y = frame.gravity_y - GRAVITY_MPS2 * np.sin(self.at(frame.inputs.time_s))
+        frame.gravity_y = frame.gravity_y - GRAVITY_MPS2 * sine(self.at(frame.inputs.time_s))
 
 
 @dataclass(frozen=True)
