@@ -97,27 +97,32 @@ class Body:
         self.brake_gain = 1.0 + hidden.get("brake_force_error", "relative")
         self.outside = hidden.get("beyond", "moment_per_speed2")
         self.instant = hidden.get("instant_loads", "coefficient")
+        self.wind_mps = hidden.get("side_wind", "speed_mps")
+        self.wind_s = hidden.get("side_wind", "duration_s")
+        self.wind_from_s = hidden.get("side_wind", "onset_s")
+        self.wind_every_s = hidden.get("side_wind", "every_s", math.inf)
+        self.bank = hidden.get("road_bank", "amplitude_rad")
         self.beside = 0.0  # lateral acceleration beside u r, a step ago
 
     def run(self, steer: Array, speed: Array) -> dict[str, Array]:
         """Return the truth every millisecond."""
         n = len(steer)
-        out = {name: np.zeros(n) for name in ("v", "r", "u", "ay", "ax", "r_rate", "drive", "brake")}
-        wanted = np.gradient(speed, STEP_S)
+        rows = []
+        wanted, angles, speeds = np.gradient(speed, STEP_S).tolist(), steer.tolist(), speed.tolist()
         v = r = 0.0
-        u = float(speed[0])
+        u = speeds[0]
         lag = [0.0, 0.0]
         for k in range(n):
             drive = brake = 0.0
-            ax = float(wanted[k])
+            ax = wanted[k]
             if self.forces:
-                ask = self.car.m * (ax + 0.6 * (float(speed[k]) - u))
+                ask = self.car.m * (ax + 0.6 * (speeds[k] - u))
                 drive, brake = max(ask, 0.0), max(-ask, 0.0)
             else:
-                u = float(speed[k])
+                u = speeds[k]
                 ax = ax - v * r
             t = k * STEP_S
-            first = self._rates(t, float(steer[k]), u, v, r, ax, drive, brake, lag)
+            first = self._rates(t, angles[k], u, v, r, ax, drive, brake, lag)
             self.beside = first[3] - u * r
             if self.roll_square:
                 bend = (
@@ -126,19 +131,18 @@ class Body:
                 self.roll_accel_rate += STEP_S * bend
                 self.roll_accel += STEP_S * self.roll_accel_rate
             v1, r1 = v + STEP_S * first[0], r + STEP_S * first[1]
-            u1 = u + STEP_S * first[2] if self.forces else float(speed[min(k + 1, n - 1)])
+            u1 = u + STEP_S * first[2] if self.forces else speeds[min(k + 1, n - 1)]
             l1 = [lag[i] + STEP_S * first[5 + i] for i in (0, 1)]
-            nxt = float(steer[min(k + 1, n - 1)])
+            nxt = angles[min(k + 1, n - 1)]
             second = self._rates(t + STEP_S, nxt, u1, v1, r1, ax, drive, brake, l1)
-            for name, value in (("v", v), ("r", r), ("u", u), ("ay", first[3]), ("ax", first[4])):
-                out[name][k] = value
-            out["r_rate"][k], out["drive"][k], out["brake"][k] = first[1], drive, brake
+            rows.append((v, r, u, first[3], first[4], first[1], drive, brake))
             v += 0.5 * STEP_S * (first[0] + second[0])
             r += 0.5 * STEP_S * (first[1] + second[1])
             if self.forces:
                 u += 0.5 * STEP_S * (first[2] + second[2])
             lag = [lag[i] + 0.5 * STEP_S * (first[5 + i] + second[5 + i]) for i in (0, 1)]
-        return out
+        names = ("v", "r", "u", "ay", "ax", "r_rate", "drive", "brake")
+        return dict(zip(names, np.array(rows).T.copy(), strict=True))
 
     def _rates(
         self,
@@ -190,15 +194,13 @@ class Body:
 
     def _wind(self, t: float, u: float) -> float:
         """Return the side force of a gust, which may come again and again."""
-        speed, length = self.hidden.get("side_wind", "speed_mps"), self.hidden.get("side_wind", "duration_s")
-        since = t - self.hidden.get("side_wind", "onset_s")
-        blows = since >= 0.0 and since % self.hidden.get("side_wind", "every_s", math.inf) < length
-        return 0.5 * RHO * 4.5 * u * speed if blows else 0.0
+        since = t - self.wind_from_s
+        blows = since >= 0.0 and since % self.wind_every_s < self.wind_s
+        return 0.5 * RHO * 4.5 * u * self.wind_mps if blows else 0.0
 
     def _bank(self, t: float) -> float:
         """Return the road's cross slope."""
-        size = self.hidden.get("road_bank", "amplitude_rad")
-        return size * math.sin(2.0 * math.pi * t / 70.0) if size else 0.0
+        return self.bank * math.sin(2.0 * math.pi * t / 70.0) if self.bank else 0.0
 
     def _axle_load(self, ax: float) -> tuple[float, float]:
         """Return the loads of front and rear axle."""
