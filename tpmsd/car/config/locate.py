@@ -39,7 +39,7 @@ def locate(text: str) -> dict[KeyPath, int]:
     first."""
     scanner = _Scanner(text)
     with contextlib.suppress(_NotTomlError, RecursionError):
-        scanner.document()
+        scanner.scan()
     return scanner.lines
 
 
@@ -60,8 +60,8 @@ class _Scanner:
         self._line_ends = [match.start() for match in re.finditer("\n", text)]
         self._last_index: dict[KeyPath, int] = {}
 
-    def document(self) -> None:
-        """Read all of the file."""
+    def scan(self) -> None:
+        """Note the line of every key of the file."""
         table: KeyPath = ()
         while True:
             self._skip(_BLANK_LINES)

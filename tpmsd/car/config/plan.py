@@ -130,6 +130,7 @@ def _signal_position(role: str, message: Message, signal: Signal, option: Signal
 
 
 def _wheel_plan(config: Config, index: int, role: str, message: Message, signal: Signal) -> WheelPlan:
+    """Return, for people to read, a wheel's signal with its resolution, roll-over and longest gap."""
     radius_m = config.vehicle.wheel_radius_m[index]
     option = config.can.option(role)
     plan = WheelPlan(

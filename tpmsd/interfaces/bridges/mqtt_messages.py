@@ -150,6 +150,7 @@ def state_document(summary: DaemonSummary) -> dict[str, Any]:
 
 
 def _wheel_document(wheel: WheelSummary) -> dict[str, Any]:
+    """Return the values of a wheel for MQTT; a gain of pressure is sent as a loss of 0."""
     document = {key: value for key, value in asdict(wheel).items() if key != "name"}
     if wheel.pressure_loss_percent is not None:
         document["pressure_loss_percent"] = max(wheel.pressure_loss_percent, 0.0)  # a gain is no loss

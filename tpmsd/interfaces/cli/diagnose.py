@@ -252,7 +252,8 @@ def _write_proposal(folder: Path, proposal: Proposal, source: str) -> None:
 def known_effects(args: argparse.Namespace) -> tuple[ExtendedModel | None, Path | None]:
     """Return the effects of the baseline and their file: those of --model, else of the configuration.
 
-    ConfigError where the configurations of several drives name different models.
+    None with --simulation or where no model is named. ConfigError where the
+    configurations of several drives name different models.
     """
     from tpmsd.car.config.load import load_config
     from tpmsd.car.physics.model_file import load_model

@@ -58,7 +58,7 @@ def _vehicle_table(found: BusDiscovery) -> list[str]:
 
 
 def _can_tables(found: BusDiscovery, dbc: str) -> list[str]:
-    """Return the tables of the buses and of the signals."""
+    """Return the lines of `[can]`, `[can.buses.*]` and `[can.signals]` of a `vehicle.toml`."""
     main = found.main_bus
     lines = ["", "[can]", 'interface = "socketcan"']
     lines += [f"channel = {json.dumps(found.channel(main))}", f"dbc = {json.dumps(dbc)}"]

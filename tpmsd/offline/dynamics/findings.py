@@ -228,14 +228,14 @@ def _confounded_with(
     return tuple(dict.fromkeys(names))
 
 
-def is_improbable(against: float, competitors: Sequence[float]) -> bool:
+def is_improbable(odds_against: float, competitors_nats: Sequence[float]) -> bool:
     """Return True if a name, together with competitors of about its evidence, is less likely than the rest.
 
-    `against` are the odds against the name; `competitors` the log odds of competing names, nats, summed in
-    them.
+    `odds_against` are the odds against the name, in which the competing names, of log odds
+    `competitors_nats`, are summed.
     """
-    similar = sum(math.exp(nats) for nats in competitors if abs(nats) <= SETTINGS.confounded_nats)
-    return against - similar > 1.0 + similar
+    similar = sum(math.exp(nats) for nats in competitors_nats if abs(nats) <= SETTINGS.confounded_nats)
+    return odds_against - similar > 1.0 + similar
 
 
 def odds_of_neutral_values(evidence: float, distance: float) -> float:

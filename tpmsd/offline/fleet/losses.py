@@ -31,7 +31,7 @@ def radius_losses(
     drive_variance: FloatArray,
     settings: FleetSettings = SETTINGS,
 ) -> list[FleetHypothesis]:
-    """Test each wheel for a radius that is smaller from some drive on; `days` (n,) are the drives' dates.
+    """Return each car's likeliest loss of radius from some drive on, if any; `days` (n,) are their dates.
 
     Generalised least squares with a step of one radius and constants for all else. One-sided, for air goes
     out: a wheel counts where no wheel that became larger explains the drives better by more than its rarity.

@@ -1,6 +1,6 @@
 """A drive's result as it comes back from the store, held against the form that the tables take.
 
-In: a JSON value. Out: nothing, or ValueError that names the damaged part. Pure.
+In: a JSON value. Out: the same value, or ValueError that names the damaged part. Pure.
 """
 
 from __future__ import annotations

@@ -191,7 +191,7 @@ class _Lines:
         penalty = 1.5 * math.log(count) + math.log(count * PHASES)
         lines = np.arange(1, SOUGHT + 1)
         at = np.outer(np.arange(size), lines) % size
-        made, level = np.abs(self._sawtooth_lines(at / size, lines)), self.level[at]
+        made, level = np.abs(self._lines_of_differenced_sawtooth(at / size, lines)), self.level[at]
         most = np.square((made * np.abs(self.transform[at]) / level).sum(axis=1))
         most /= np.maximum((np.square(made) / level).sum(axis=1), TINY)
         if most.max() <= penalty:
@@ -212,9 +212,11 @@ class _Lines:
         parts = (like * np.exp(-2j * np.pi * np.arange(1, LINES + 1) * rhythm.phase)).real
         return max(float(parts.sum()), 0.0) ** 2 / max(float(norm.sum()), TINY)
 
-    def _sawtooth_lines(self, cycles: FloatArray, lines: NDArray[np.int64]) -> Complex:
-        """Return the lines (..., k) of a sawtooth of amplitude 1 and phase 0 at these cycles per tick (...,
-        k)."""
+    def _lines_of_differenced_sawtooth(self, cycles: FloatArray, lines: NDArray[np.int64]) -> Complex:
+        """Return what third differences leave of each spectral line of a sawtooth of amplitude 1, (..., k).
+
+        B_k of the module's text, with the ticks' weights; phase 0, cycles per tick (..., k).
+        """
         third = (np.exp(2j * np.pi * cycles) - 1.0) ** 3
         return np.asarray(-self.power * third * 1j / (2.0 * np.pi * lines))
 
@@ -235,7 +237,7 @@ class _Lines:
         at = np.round(exact).astype(int)
         middle = 0.5 * (len(self.weighted) - 1)
         seen = self.transform[at % size] * np.exp(2j * np.pi * (at - exact) / size * middle)
-        made = self._sawtooth_lines(np.asarray(cycles * lines, dtype=np.float64), lines)
+        made = self._lines_of_differenced_sawtooth(np.asarray(cycles * lines, dtype=np.float64), lines)
         level = self.level[at % size]
         return np.conj(made) * seen / level, np.square(np.abs(made)) / level
 

@@ -75,7 +75,7 @@ def array_scores(system: System, white: FloatArray) -> Derivatives:
     error = inverse.transpose(0, 2, 1) @ (white - gain @ adjoint)
     zeta = np.concatenate([adjoint, error], axis=1)
     pull = joint.transpose(0, 2, 1) @ zeta
-    information_after, N = informations(phi, seen)
+    information_after, N = information_of_later_windows(phi, seen)
     white_rows = inverse @ joint[:, carry:]
     into = joint[:, :carry] - gain.transpose(0, 2, 1) @ white_rows
     onward = information_after @ into
@@ -118,7 +118,7 @@ def compiled_scores(system: System, white: FloatArray) -> Derivatives:
     return Derivatives(variance, decay, fresh, of_start)
 
 
-def informations(phi: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+def information_of_later_windows(phi: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the (w, c, c) information of all later windows on the carried states after each, and before the
     first."""
     out = np.empty(phi.shape)

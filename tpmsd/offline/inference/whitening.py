@@ -36,7 +36,7 @@ from tpmsd.offline.inference.gains import (
 )
 from tpmsd.offline.inference.layouts import DRIFTING_RADII
 from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.inference.scores import Derivatives, System, adjoints, informations, scores
+from tpmsd.offline.inference.scores import Derivatives, System, adjoints, information_of_later_windows, scores
 from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.state_space import Diagonals, Geometry, diagonals, geometry
 from tpmsd.offline.inference.windows import CHANNELS, Linearised
@@ -116,7 +116,7 @@ class Whitener:
 
     def motion_stds(self) -> FloatArray:
         """Return (w, 2) standard deviations of the smoothed errors of speed (m/s) and yaw rate (rad/s)."""
-        information, _ = informations(self._phi, self._seen)
+        information, _ = information_of_later_windows(self._phi, self._seen)
         into = self._space.motion[:, :, : W - V + 1]
         joint = self._space.joint[:, :, V : PN + 1] @ into
         white = self._inverse @ joint[:, self._carry :]

@@ -374,8 +374,8 @@ class Explanation:
         return out
 
     def _size_alternatives(self, bank: Posterior) -> list[dict[str, Any]]:
-        """Return the entries of hypotheses that wheels have another size; a tyre may have lost air as
-        well."""
+        """Return the entries of larger tyres and of wheels changed front to rear; a tyre may have lost air
+        as well."""
         sizes = size_rows(tuple(self._wheels))
         out = []
         for row in range(1, len(bank.sizes)):  # none while a set is learned beside another

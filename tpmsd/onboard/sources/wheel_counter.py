@@ -393,8 +393,8 @@ class WheelCounter:
         self._append_sample(time_s, out)
 
     def _judge_implausible(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
-        """Judge a reading that cannot follow the last one: it is irregular itself and held as suspect, or the
-        first of a new level."""
+        """Judge a reading that cannot follow the last one: that one was wrong, this one is (and is held
+        as suspect), or the counter was reset or jumped to a new level."""
         suspect = self._suspect
         if suspect is None:
             if not self._replace_last(time_s, raw, period_s, out):

@@ -107,8 +107,10 @@ class JointHypotheses(Hypotheses):
 
     @property
     def fullest_design(self) -> FloatArray:
-        """Return the design of `Hypotheses.fullest_design` with values of each drive's own; these cover what
-        all drives share."""
+        """Return the design of calibration and each drive's own effects, for the first estimate of the noise.
+
+        As `Hypotheses.fullest_design`; values of each drive's own cover what all drives share.
+        """
         own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
         return np.concatenate([self.nuisance, *single_value_designs(own)], axis=1)
 

@@ -163,8 +163,9 @@ def _p_values_without_splines(
     replicates: int,
     rng: np.random.Generator,
 ) -> dict[int, PValue]:
-    """Return, by number of the finding, the p-value of a term in replicates without spline terms, where
-    replicates with them reach it.
+    """Return p-values without splines for findings whose p-value with them is not small, by their number.
+
+    Replicates with spline terms exceed a true effect beside them: these are drawn without.
     """
     if not any(one.term.nonparametric for one in selection.chosen):
         return {}
