@@ -1,4 +1,4 @@
-"""Wheels that roll out of the bend with the body push outwards."""
+"""Wheels that the body's roll cambers push outwards."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class CamberThrust(DynamicsEffect):
     of roll steer.
     a_y = u r + instant * (F_y / m - u r): the body rolls by the steady acceleration or by all of it. Source:
     camber stiffness of about 1 per rad of load, roll of 3 to 7 degrees per g of which half remains between
-    wheel and road: c of 0.02 to 0.06 ([Pacejka 2012], section 4.3), several times that where wheels roll as
-    far as the body and push with a tenth of their cornering stiffness.
+    wheel and road: c of 0.02 to 0.06 ([Pacejka 2012], section 4.3), several times that where wheels camber by
+    all of the body's roll and push with a tenth of their cornering stiffness.
     """
 
     name = "camber_thrust"
@@ -33,7 +33,7 @@ class CamberThrust(DynamicsEffect):
     kind = PHYSICS
     wording = Wording(
         formula="F_y = -c * F_z * a_y / g on each axle",
-        sentence="wheels that roll with the body push outwards in bends",
+        sentence="wheels that the body's roll cambers push outwards in bends",
         distinguished_by="hold steady bends at two speeds and change lanes quickly",
     )
     channel = "velocity_lat"
@@ -59,7 +59,7 @@ class CamberThrust(DynamicsEffect):
             1.0,
             "1: thrust in proportion to cornering stiffness, 0: to load",
         ),
-        Parameter("rear", "1", 1.0, 0.0, 1.0, "1: the rear wheels roll too, 0: they stay upright"),
+        Parameter("rear", "1", 1.0, 0.0, 1.0, "1: the rear wheels camber too, 0: they stay upright"),
     )
     coefficient: float = 0.0
     instant: float = 0.0
