@@ -9,6 +9,7 @@ import pytest
 
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.offline.dynamics import competitors
 from tpmsd.offline.dynamics.competitors import (
     Compared,
     choose_best_variants,
@@ -132,7 +133,9 @@ def test_one_name_takes_the_place_of_two_that_are_the_same(tmp_path: Path) -> No
     assert likeliest.named[0].effect.values() == pytest.approx({**steered, "directed": 1.0}, abs=1e-4)
 
 
-def test_one_of_two_confounded_names_does_what_both_did(tmp_path: Path) -> None:
+def test_one_of_two_confounded_names_does_what_both_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A moment by the side force took most of roll steer that follows at once, and the lag of the rest is one
     that roll has: no step leads from there to roll steer alone."""
     steered = {"coefficient": 0.0006, "front": 0.0009, "instant": 1.0}
@@ -156,6 +159,10 @@ def test_one_of_two_confounded_names_does_what_both_did(tmp_path: Path) -> None:
     assert likeliest.named[0].values() == pytest.approx([0.0006, 0.0009], abs=1e-4)
     assert likeliest.stages[-1].terms[0] is likeliest.terms[0]
     assert merge_confounded_terms(likeliest) is likeliest
+
+    # Where no single exchange is likelier, this is tried.
+    monkeypatch.setattr(competitors, "_likelier_selection", lambda *_: None)
+    assert [term.name for term in exchange_for_likelier(search).search.named] == ["roll_steer"]
 
 
 def test_an_effect_acts_in_its_likeliest_variant(tmp_path: Path) -> None:
