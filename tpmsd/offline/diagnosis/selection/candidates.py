@@ -33,7 +33,7 @@ class Candidates:
         self.hypotheses = hypotheses
         self._barred = barred
         self._gains: dict[tuple[Term, ...], float] = {}
-        self._found: dict[tuple[tuple[Term, ...], bool], list[tuple[float, list[Term]]]] = {}
+        self._found: dict[tuple[Term, ...], list[tuple[float, list[Term]]]] = {}
         """Cached requests: the steps of a search ask for much of it again."""
 
     def design(self, terms: Sequence[Term]) -> FloatArray:
@@ -107,14 +107,14 @@ class Candidates:
             term, self.gain(terms) - self.gain(rest), self._first_value(terms, len(rest))
         )
 
-    def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
+    def candidates(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
         """Return (penalised gain, terms) of each addition to the chosen terms, the best first."""
-        key = tuple(chosen), everything
+        key = tuple(chosen)
         if key not in self._found:
-            self._found[key] = self._find_candidates(chosen, everything)
+            self._found[key] = self._find_candidates(chosen)
         return self._found[key]
 
-    def _find_candidates(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
+    def _find_candidates(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
         """Return the additions to the chosen terms with their penalised gains, the best first, without
         cache."""
         gram, b = self.evidence.projected(self.design(chosen))
@@ -130,14 +130,12 @@ class Candidates:
             usable.append(term)
             gain, first = term.gain(gram, b)
             out.append((self.penalised_gain(term, gain, first), [term]))
-        if everything:
-            shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
-            scanned = self.hypotheses.ramp_gains(gram, b)
-            scanned += [
-                ((1.0 - handicap(one)) * brings if one.nonparametric else brings, one)
-                for brings, one in shapes
-            ]
-            out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
+        shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
+        scanned = self.hypotheses.ramp_gains(gram, b)
+        scanned += [
+            ((1.0 - handicap(one)) * brings if one.nonparametric else brings, one) for brings, one in shapes
+        ]
+        out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
