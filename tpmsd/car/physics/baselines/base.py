@@ -251,31 +251,32 @@ class Baseline(ABC):
         if not self.forces:
             force = frame.mass * frame.accel_long + drag_and_rolling_resistance_n(frame)
             frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
-        frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
-        frame.across = frame.u * frame.r
+        frame.load_accel_long = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
+        frame.load_accel_lat = frame.u * frame.r
         if not is_zero(frame.instant_loads) or any(effect.follows_instant() for effect in theta):
             if not any(effect.acts_on_angles and effect.reads_loads for effect in theta):
                 self._set_unlimited_forces(frame, theta)  # the same in each round
-            self._iterate_instant_accelerations(frame, theta)
+            self._iterate_load_accelerations(frame, theta)
         self._apply_loads_and_tyres(frame, theta)
         return frame
 
-    def _iterate_instant_accelerations(self, frame: Frame, theta: Theta) -> None:
-        """Set the accelerations that loads and roll follow to those of the tyres' forces, by iteration.
+    def _iterate_load_accelerations(self, frame: Frame, theta: Theta) -> None:
+        """Set the accelerations that loads and roll follow to those of the tyres' forces, by fixed-point
+        iteration: loads depend on accelerations, forces on loads.
 
         Each round uses the forces of the loads before, so that the error falls by the tyres' sensitivity to
         load, a fifth near the limit.
         """
-        steady = frame.across, frame.ahead
-        frame.instant = frame.across
+        steady = frame.load_accel_lat, frame.load_accel_long
+        frame.tyre_accel_lat = frame.load_accel_lat
         for _ in range(INSTANT_ROUNDS):
             first = copy(frame)
             self._apply_loads_and_tyres(first, theta)
-            frame.instant = np.asarray(first.force_y / frame.mass)
-            frame.across = steady[0] + frame.instant_loads * (frame.instant - steady[0])
+            frame.tyre_accel_lat = np.asarray(first.force_y / frame.mass)
+            frame.load_accel_lat = steady[0] + frame.instant_loads * (frame.tyre_accel_lat - steady[0])
             if self.forces:
-                ahead = np.asarray((first.force_x - drag_and_rolling_resistance_n(frame)) / frame.mass)
-                frame.ahead = steady[1] + frame.instant_loads * (ahead - steady[1])
+                accel = np.asarray((first.force_x - drag_and_rolling_resistance_n(frame)) / frame.mass)
+                frame.load_accel_long = steady[1] + frame.instant_loads * (accel - steady[1])
 
     def _apply_loads_and_tyres(self, frame: Frame, theta: Theta) -> None:
         """Fill in loads and tyre forces for the accelerations of the frame."""
@@ -451,7 +452,7 @@ def lateral_transfer(frame: Frame) -> FloatArray:
 
     Each axle takes the transfer of the mass that it carries: dF / F0 = 2 h a_y / (g t).
     """
-    pull = 2.0 * frame.height * frame.across / GRAVITY_MPS2
+    pull = 2.0 * frame.height * frame.load_accel_lat / GRAVITY_MPS2
     return stack_contacts(pull / frame.track_front, pull / frame.track_rear)
 
 

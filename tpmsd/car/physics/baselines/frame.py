@@ -75,13 +75,17 @@ class Frame:
     mass: Real
     inertia: Real
     front: Real
+    """Distance of the front axle from the centre of gravity, m."""
     rear: Real
+    """Distance of the rear axle from the centre of gravity, m."""
     height: Real
+    """Height of the centre of gravity, m."""
     track_front: Real
     track_rear: Real
     cornering_front: Real
     cornering_rear: Real
     longitudinal: Real
+    """Longitudinal slip stiffness of a wheel, N."""
     friction: Real | None
     """None where the tyres have no limit."""
     tyre_shape: Real = field(default=0.0, kw_only=True)
@@ -107,11 +111,11 @@ class Frame:
     accel_long: FloatArray
 
     # stage by stage
-    ahead: Real = field(default=0.0, kw_only=True)
+    load_accel_long: Real = field(default=0.0, kw_only=True)
     """Longitudinal acceleration that loads follow, m/s2."""
-    across: Real = field(default=0.0, kw_only=True)
+    load_accel_lat: Real = field(default=0.0, kw_only=True)
     """Lateral acceleration that loads and roll follow, m/s2."""
-    instant: Real = field(default=0.0, kw_only=True)
+    tyre_accel_lat: Real = field(default=0.0, kw_only=True)
     """Lateral acceleration that the tyres give, m/s2, where an effect follows it."""
     roll_accel: FloatArray | None = field(default=None, kw_only=True)
     """Lateral acceleration at which a steady bend has the present roll angle, m/s2, where it is a state."""

@@ -43,7 +43,7 @@ class SingleTrack(Baseline):
     def _fill_loads(self, frame: Frame) -> None:
         """Fill in axle loads with longitudinal transfer, and the lateral transfer that effects use."""
         base = frame.front + frame.rear
-        rise = frame.mass * frame.ahead * frame.height / base
+        rise = frame.mass * frame.load_accel_long * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
         frame.load = stack_contacts(weight * frame.rear - rise, weight * frame.front + rise)
         frame.transfer = lateral_transfer(frame)

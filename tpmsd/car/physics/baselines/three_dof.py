@@ -34,7 +34,7 @@ class ThreeDof(Baseline):
     def _fill_loads(self, frame: Frame) -> None:
         """Fill in quasi-static wheel loads, [Liu 2022, eq. 8] with the division by the wheelbase."""
         base = frame.front + frame.rear
-        rise = frame.mass * frame.ahead * frame.height / base
+        rise = frame.mass * frame.load_accel_long * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
         front, rear = 0.5 * (weight * frame.rear - rise), 0.5 * (weight * frame.front + rise)
         frame.transfer = lateral_transfer(frame)

@@ -38,5 +38,5 @@ class AccelerometerDelay(DynamicsEffect):
         return True
 
     def read(self, frame: Frame) -> None:
-        """Set the reading's age."""
+        """Add delay_s to the age of the lateral accelerometer's reading."""
         frame.delays["accel_lat"] = frame.delays.get("accel_lat", 0.0) + self.delay_s

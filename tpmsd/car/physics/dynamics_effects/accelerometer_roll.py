@@ -44,5 +44,5 @@ class AccelerometerRoll(DynamicsEffect):
     coefficient: float = 0.0
 
     def read(self, frame: Frame) -> None:
-        """Scale the reading."""
+        """Scale the lateral accelerometer's reading by 1 + coefficient."""
         frame.outputs["accel_lat"] = frame.outputs["accel_lat"] * (1.0 + self.coefficient)

@@ -44,5 +44,5 @@ class AirDensityError(DynamicsEffect):
     relative: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Change the density."""
+        """Scale the density of the air by 1 + relative."""
         frame.air_kgpm3 = frame.air_kgpm3 * (1.0 + self.relative)

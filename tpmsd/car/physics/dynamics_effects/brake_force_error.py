@@ -33,5 +33,5 @@ class BrakeForceError(DynamicsEffect):
     relative: float = 0.0
 
     def adapt_inputs(self, frame: Frame) -> None:
-        """Scale the force."""
+        """Scale the brake force by 1 + relative."""
         frame.brake = frame.brake * (1.0 + self.relative)

@@ -73,7 +73,7 @@ class CamberThrust(DynamicsEffect):
         return tuple({**share, **instant} for instant in values_of_instant(nonlinear) for share in shares)
 
     def add_forces(self, frame: Frame) -> None:
-        """Push both axles outwards.
+        """Subtract the camber thrust of both axles from the lateral force, and its yaw moment.
 
         With a share p of all of a_y, m a_y = F - c * F_z / g * ((1 - p) * u r + p * a_y) is solved for a_y.
         """
@@ -85,7 +85,7 @@ class CamberThrust(DynamicsEffect):
             both = load[0] + load[1]
             load = stack_contacts(share * both, (1.0 - share) * both)
         load = np.stack([load[0], self.rear * load[1]])
-        steady = (1.0 - self.instant) * frame.across
+        steady = (1.0 - self.instant) * frame.load_accel_lat
         by_accel = self.coefficient / GRAVITY_MPS2 * (load[0] + load[1])
         instant = (frame.force_y - by_accel * steady) / (frame.mass + by_accel * self.instant)
         pull = -self.coefficient / GRAVITY_MPS2 * frame.lagged_by_roll(steady + self.instant * instant)

@@ -42,5 +42,5 @@ class CgHeightError(DynamicsEffect):
     height_m: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Raise the centre of gravity."""
+        """Raise the centre of gravity by height_m."""
         frame.height = frame.height + self.height_m

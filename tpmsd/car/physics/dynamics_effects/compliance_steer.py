@@ -68,7 +68,7 @@ class DynamicsComplianceSteer(DynamicsEffect):
     def adapt_angles(self, frame: Frame) -> None:
         """Turn the front wheels by -k F / (1 + k C), F the force of wheels that do not give way."""
         if self.by_accel > 0.0:
-            frame.turn(-self.coefficient * frame.instant, 0.0)
+            frame.turn(-self.coefficient * frame.tyre_accel_lat, 0.0)
             return
         base = frame.front + frame.rear
         soft = self.coefficient * base / (frame.mass * frame.rear) * frame.cornering_front

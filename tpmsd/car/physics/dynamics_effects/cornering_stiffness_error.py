@@ -55,6 +55,6 @@ class CorneringStiffnessError(DynamicsEffect):
     rear: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Scale the stiffnesses."""
+        """Scale the cornering stiffness of the axles by 1 + front and 1 + rear."""
         frame.cornering_front = frame.cornering_front * (1.0 + self.front)
         frame.cornering_rear = frame.cornering_rear * (1.0 + self.rear)

@@ -33,5 +33,5 @@ class DriveForceError(DynamicsEffect):
     relative: float = 0.0
 
     def adapt_inputs(self, frame: Frame) -> None:
-        """Scale the force."""
+        """Scale the drive force by 1 + relative."""
         frame.drive = frame.drive * (1.0 + self.relative)

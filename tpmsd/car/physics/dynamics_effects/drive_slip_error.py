@@ -49,5 +49,5 @@ class DriveSlipError(DynamicsEffect):
         return nonlinear
 
     def adapt_car(self, frame: Frame) -> None:
-        """Divide the longitudinal stiffness."""
+        """Divide the longitudinal stiffness by 1 + relative."""
         frame.longitudinal = frame.longitudinal / (1.0 + self.relative)

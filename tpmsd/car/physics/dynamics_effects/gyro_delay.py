@@ -37,5 +37,5 @@ class DynamicsGyroDelay(DynamicsEffect):
         return True
 
     def read(self, frame: Frame) -> None:
-        """Set the reading's age."""
+        """Add delay_s to the age of the yaw-rate reading."""
         frame.delays["yaw_rate"] = frame.delays.get("yaw_rate", 0.0) + self.delay_s

@@ -42,5 +42,5 @@ class MassError(DynamicsEffect):
     relative: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Scale the mass."""
+        """Scale the mass by 1 + relative."""
         frame.mass = frame.mass * (1.0 + self.relative)

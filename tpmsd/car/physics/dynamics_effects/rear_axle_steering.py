@@ -73,7 +73,7 @@ class DynamicsRearAxleSteering(DynamicsEffect):
         return directions(nonlinear)
 
     def adapt_angles(self, frame: Frame) -> None:
-        """Turn the rear wheels."""
+        """Turn the rear wheels by a ratio, which depends on speed, times the front wheels' steer angle."""
         speed = np.asarray(frame.u)
         ratio = self.coefficient + self.by_speed * rear_steer_ratio(speed, CROSSOVER_MPS)
         frame.turn(0.0, ratio * frame.steer, self.directed)

@@ -73,9 +73,9 @@ class RollSteer(DynamicsEffect):
         return self.instant > 0.0
 
     def adapt_angles(self, frame: Frame) -> None:
-        """Turn the wheels."""
-        accel = frame.across
+        """Turn the wheels of both axles in proportion to the lateral acceleration that roll follows."""
+        accel = frame.load_accel_lat
         if self.instant > 0.0:
-            accel = accel + self.instant * (frame.instant - accel)
+            accel = accel + self.instant * (frame.tyre_accel_lat - accel)
         accel = frame.lagged_by_roll(accel)
         frame.turn(-self.front * accel, self.coefficient * accel, self.directed)

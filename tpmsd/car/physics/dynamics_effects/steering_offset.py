@@ -42,5 +42,5 @@ class DynamicsSteeringOffset(DynamicsEffect):
     offset_rad: float = 0.0
 
     def adapt_inputs(self, frame: Frame) -> None:
-        """Take the offset off."""
+        """Subtract the offset of the steering wheel from the steer angle of the front wheels."""
         frame.steer = frame.steer - self.offset_rad / frame.steering_ratio

@@ -43,5 +43,5 @@ class DynamicsSteeringRatioError(DynamicsEffect):
     ratio: float = 1.0
 
     def adapt_inputs(self, frame: Frame) -> None:
-        """Divide the angle."""
+        """Divide the steer angle of the front wheels by the ratio."""
         frame.steer = frame.steer / self.ratio

@@ -79,7 +79,7 @@ class DynamicsRoadGrade(_Spline):
     parameters = _spline_parameters("rad")
 
     def add_forces(self, frame: Frame) -> None:
-        """Pull backwards."""
+        """Subtract g * sin(grade) from du/dt."""
         frame.gravity_x = frame.gravity_x - GRAVITY_MPS2 * sine(self.at(frame.inputs.time_s))
 
 
@@ -101,7 +101,7 @@ class DynamicsRoadBank(_Spline):
     parameters = _spline_parameters("rad")
 
     def add_forces(self, frame: Frame) -> None:
-        """Pull to the right."""
+        """Subtract g * sin(bank) from dv/dt."""
         frame.gravity_y = frame.gravity_y - GRAVITY_MPS2 * sine(self.at(frame.inputs.time_s))
 
 
@@ -129,7 +129,7 @@ class DynamicsUnknown(_Spline):
             raise ConfigError(f"effect unknown: no term on {self.on!r} over {self.over!r}")
 
     def add_forces(self, frame: Frame) -> None:
-        """Add to an equation."""
+        """Add the spline, times mass or inertia, to the equation `on` if it is one."""
         if self.on not in EQUATIONS:
             return
         size = frame.inertia if self.on == "moment" else frame.mass
@@ -142,7 +142,7 @@ class DynamicsUnknown(_Spline):
             setattr(frame, self.on, getattr(frame, self.on) + value)
 
     def read(self, frame: Frame) -> None:
-        """Add to an output."""
+        """Add the spline to the reading `on` if it is an output."""
         if self.on in frame.outputs:
             frame.outputs[self.on] = frame.outputs[self.on] + self.at(covariate_of(frame, self.over))
 
@@ -155,7 +155,7 @@ def covariate_of(frame: Frame, name: str) -> FloatArray:
         "speed": frame.u,
         "steering": frame.steer,
         "steering_rate": frame.inputs.steer_rate_radps,
-        "accel_long": np.asarray(frame.ahead),
+        "accel_long": np.asarray(frame.load_accel_long),
         "accel_lat": frame.u * frame.r,
         "yaw_rate": frame.r,
     }

@@ -41,7 +41,7 @@ class WheelResistance(DynamicsEffect):
         return nonlinear
 
     def add_forces(self, frame: Frame) -> None:
-        """Add the moment; there is none where the contacts are axles."""
+        """Add the yaw moment of unequal rolling resistances; there is none where the contacts are axles."""
         if frame.axles:
             return
         left_front, right_front, left_rear, right_rear = frame.load

@@ -71,7 +71,7 @@ class SideWind(DynamicsEffect):
     duration_s: float = 1e6
 
     def add_forces(self, frame: Frame) -> None:
-        """Push sideways, ahead of the centre of gravity."""
+        """Add the lateral force of the side wind, and its yaw moment about the centre of gravity."""
         force = 0.5 * frame.air_kgpm3 * SIDE_AREA_M2 * frame.u * self.speed_mps * _blowing_mask(self, frame)
         frame.force_y = frame.force_y + force
         frame.moment = frame.moment + LEVER_M * force
@@ -104,7 +104,7 @@ class DynamicsHeadWind(DynamicsEffect):
     duration_s: float = 1e6
 
     def add_forces(self, frame: Frame) -> None:
-        """Push backwards."""
+        """Subtract the drag that the head wind adds from the longitudinal force."""
         area = np.where(np.asarray(frame.drag_area) > 0.0, frame.drag_area, TYPICAL_DRAG_M2)
         press = (frame.u + self.speed_mps) ** 2 - frame.u**2
         frame.force_x = frame.force_x - 0.5 * frame.air_kgpm3 * area * press * _blowing_mask(self, frame)

@@ -42,5 +42,5 @@ class YawInertiaError(DynamicsEffect):
     relative: float = 0.0
 
     def adapt_car(self, frame: Frame) -> None:
-        """Scale the inertia."""
+        """Scale the yaw inertia by 1 + relative."""
         frame.inertia = frame.inertia * (1.0 + self.relative)

@@ -59,7 +59,7 @@ class YawMoment(DynamicsEffect):
     lateral_m: float = 0.0
 
     def add_forces(self, frame: Frame) -> None:
-        """Add the moment."""
+        """Add a yaw moment in proportion to drive less brake force and to lateral force."""
         frame.moment = (
             frame.moment + self.coefficient * (frame.drive - frame.brake) + self.lateral_m * frame.force_y
         )

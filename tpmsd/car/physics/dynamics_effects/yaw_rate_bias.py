@@ -43,5 +43,5 @@ class DynamicsYawRateBias(DynamicsEffect):
     bias: float = 0.0
 
     def read(self, frame: Frame) -> None:
-        """Add the bias."""
+        """Add the bias to the yaw-rate reading."""
         frame.outputs["yaw_rate"] = frame.outputs["yaw_rate"] + self.bias

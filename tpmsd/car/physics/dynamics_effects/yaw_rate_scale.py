@@ -43,5 +43,5 @@ class DynamicsYawRateScale(DynamicsEffect):
     scale: float = 1.0
 
     def read(self, frame: Frame) -> None:
-        """Scale the reading."""
+        """Multiply the yaw-rate reading by the scale."""
         frame.outputs["yaw_rate"] = frame.outputs["yaw_rate"] * self.scale
