@@ -43,7 +43,7 @@ STRUCTURE = {
     "monitor.slow_leaks.watch._LAST_DAY": "the calendar",
     "fleet.discoveries.DAYS_PER_WEEK": "a unit",
     "fleet.losses.DAY_S": "a unit",
-    "fleet.parameters.BACK": "radii of contrasts, by their definition",
+    "fleet.parameters.RADII_OF_CONTRASTS": "radii of contrasts, by their definition",
     "fleet.parameters.PARAMETERS_OF_FLEET": "units in which the parameters are counted",
     "fleet.store._UMASK": "what the process has",
 }

@@ -23,7 +23,7 @@ _BLOCK = 1 << 20
 def provenance(
     schema: str, paths: Sequence[str | Path] = (), configuration: str | Path | None = None
 ) -> dict[str, Any]:
-    """Return the three keys.
+    """Return the keys `schema`, `program` and `input`, with which every JSON document begins.
 
     Args:
         schema: name and version, such as `tpmsd.replay/2`.

@@ -105,7 +105,7 @@ class Pipeline:
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Step]:
-        """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
+        """Process one CAN data frame; `bus` as in `CanDecoder.decode`."""
         steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, bus))
         self._handle_control_frame(
             time_s, arbitration_id | EXTENDED if is_extended else arbitration_id, data, bus
@@ -113,7 +113,7 @@ class Pipeline:
         return steps
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Step]:
-        """Take the data frames `start` to before `stop` of a block, as `on_frame` each in turn. `bus`
+        """Process the data frames `start` to before `stop` of a block, as `on_frame` each in turn. `bus`
         (channels,): number of the bus of each channel."""
         if block is not self._block:
             data_frame = block.flags & (ERROR | REMOTE) == 0
@@ -128,14 +128,15 @@ class Pipeline:
         yield from self._run_each(self._blocks.on_frames(block, start, stop, bus))
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
-        """Take one NMEA line."""
+        """Process one NMEA line; return the steps of the ticks that it completes."""
         steps = self._run(self._source.on_sentence(time_s, line))
         if line.startswith(PREFIX) and (request := from_sentence(line)) is not None:
             self._reset(request)
         return steps
 
     def _handle_control_frame(self, time_s: float, key: int, data: bytes, bus: int) -> None:
-        """Take a frame that is for others than the decoder; `key`: its identifier, marked if of 29 bits."""
+        """Process a frame that is for others than the decoder; `key`: its identifier, marked if of 29
+        bits."""
         if key == self._reset_key and bus == 0:
             self._asked(time_s, data)
         elif key in self._speed_keys and bus == self._speed_bus:
@@ -166,15 +167,15 @@ class Pipeline:
         self._on_tick = on_tick
 
     def on_event(self, event: Event) -> list[Step]:
-        """Take a source's own event (an interface that went down, a receiver unplugged)."""
+        """Process a source's own event (an interface that went down, a receiver unplugged)."""
         return self._run(self._source.on_event(event))
 
     def advance(self, time_s: float) -> list[Step]:
-        """Let time pass: ends epochs, finds time-outs, completes ticks."""
+        """Advance to a time: end epochs, find time-outs, complete ticks."""
         return self._run(self._source.advance(time_s))
 
     def on_tick(self, tick: Tick) -> Step:
-        """Take a tick made elsewhere: campaigns of simulated drives come without frames and sentences."""
+        """Process a tick made elsewhere: campaigns of simulated drives come without frames and sentences."""
         return self._run([tick])[0]
 
     def finish(self) -> list[Step]:
@@ -227,7 +228,7 @@ class Pipeline:
         return saved
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it does not fit this configuration (then nothing is taken up)."""
+        """Restore a snapshot; ValueError if it does not fit this configuration (then nothing is restored)."""
         try:
             monitor, estimator = saved["monitor"], saved["estimator"]
         except (KeyError, TypeError) as error:

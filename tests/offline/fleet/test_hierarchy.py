@@ -21,13 +21,13 @@ from tpmsd.offline.fleet.discoveries import (
 )
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model, fit_with, integrate_out_random_effect
 from tpmsd.offline.fleet.parameters import (
-    BACK,
     CONTRASTS,
     NAMES,
     PARAMETERS_OF_FLEET,
     RADII,
+    RADII_OF_CONTRASTS,
     SCALES,
-    aligned_statistics,
+    statistics_in_fleet_parameters,
 )
 
 P = len(NAMES)
@@ -169,7 +169,7 @@ def test_a_slow_leak_is_reported_with_its_wheel_and_rate() -> None:
     radii = np.zeros((4, len(days)))
     radii[RADII.index("radius_rr")] = np.where(stack.car == 4, -0.05e-2 / 7.0 * days, 0.0)
     shift = np.zeros((len(days), P))
-    shift[:, :4] = (np.linalg.inv(BACK) @ radii).T / SCALES[:4]
+    shift[:, :4] = (np.linalg.inv(RADII_OF_CONTRASTS) @ radii).T / SCALES[:4]
     vector = stack.vector + np.einsum("dij,dj->di", stack.information, shift)
     moved = FleetStatistics(stack.information, vector, stack.car)
     names = [f"car-{number}" for number in range(cars)]
@@ -187,9 +187,9 @@ def test_contrasts_are_the_radii() -> None:
     names = [*RADII, "growth"]
     root = rng.standard_normal((5, 9))
     information, vector = root @ root.T, rng.standard_normal(5)
-    J, h = aligned_statistics(names, information, vector)
+    J, h = statistics_in_fleet_parameters(names, information, vector)
     theta = rng.standard_normal(P)
-    radii = BACK @ (theta * SCALES)[:4]
+    radii = RADII_OF_CONTRASTS @ (theta * SCALES)[:4]
     own = np.concatenate([radii, [(theta * SCALES)[NAMES.index("growth")]]])
 
     assert CONTRASTS == NAMES[:4]

@@ -11,7 +11,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.fleet.discoveries import FleetHypothesis, control_false_discoveries
 from tpmsd.offline.fleet.hierarchy import FleetStatistics
 from tpmsd.offline.fleet.losses import radius_losses, step_changes
-from tpmsd.offline.fleet.parameters import BACK, SCALES
+from tpmsd.offline.fleet.parameters import RADII_OF_CONTRASTS, SCALES
 
 CARS = [f"car-{k}" for k in range(6)]
 USUAL = np.where(np.arange(P) < 4, 0.3, 0.2)
@@ -30,7 +30,7 @@ def changed(
 ) -> FleetStatistics:
     """The same with this change (4,) of the radii of one car, in parts of them, from a day on."""
     step = np.zeros(P)
-    step[:4] = np.linalg.solve(BACK, radius) / SCALES[:4]
+    step[:4] = np.linalg.solve(RADII_OF_CONTRASTS, radius) / SCALES[:4]
     those = (stack.car == car) & (days >= day)
     vector = stack.vector + np.where(those[:, None], np.einsum("nij,j->ni", stack.information, step), 0.0)
     return FleetStatistics(stack.information, vector, stack.car)
@@ -118,7 +118,7 @@ def test_steps_are_the_generalised_least_squares_of_each_moment() -> None:
     for moment in range(1, 5):
         for wheel in range(4):
             step = np.zeros(P)
-            step[:4] = np.linalg.solve(BACK, np.eye(4)[wheel]) / SCALES[:4]
+            step[:4] = np.linalg.solve(RADII_OF_CONTRASTS, np.eye(4)[wheel]) / SCALES[:4]
             design = np.array([np.column_stack([np.eye(P), step * (d >= moment)]) for d in range(5)])
             normal = np.einsum("dpi,dpq,dqj->ij", design, K, design)
             solved = np.linalg.solve(normal, np.einsum("dpi,dp->i", design, k))

@@ -30,11 +30,13 @@ def found(of_front: float, unusual: float = 0.0, **models: float) -> Judgement:
     return replace(Judgement.unknown(), posterior=bank, drive_models=models, unusual=unusual)
 
 
-def asked(questions: Questions, of_front: float, seconds: int, *, said: bool = False) -> tuple[str, ...]:
+def asked(
+    questions: Questions, of_front: float, seconds: int, *, alarm_active: bool = False
+) -> tuple[str, ...]:
     """Wheels that are asked about after so long."""
     for second in range(seconds):
         models = {"as learned": of_front, "another load": 1.0 - of_front}
-        questions.update(found(of_front, **models), 1.0, float(second), said=said)
+        questions.update(found(of_front, **models), 1.0, float(second), alarm_active=alarm_active)
     return questions.open[0].wheels if questions.open else ()
 
 
@@ -59,7 +61,7 @@ def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
     def stands(probability: float, seconds: float) -> bool:
         for _ in range(round(seconds)):
             questions.update_first_start((2, probability, "soft"), 1.0)
-            questions.update(None, 1.0, 0.0, said=False)
+            questions.update(None, 1.0, 0.0, alarm_active=False)
         return bool(questions.open)
 
     assert not stands(SETTINGS.clear_probability - 0.01, 2.0 * hold_s)
@@ -72,7 +74,7 @@ def test_what_an_alarm_says_is_not_asked() -> None:
     """An alarm of a tyre stands: there is no question, and after it one has to last again."""
     questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
     assert ("fl", "fr") == asked(questions, 0.64, 200)
-    assert () == asked(questions, 0.64, 1, said=True)
+    assert () == asked(questions, 0.64, 1, alarm_active=True)
     assert () == asked(questions, 0.64, 100)
 
 
@@ -81,7 +83,7 @@ def test_a_question_keeps_the_time_at_which_it_was_first_asked() -> None:
     questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
     asked(questions, 0.64, 200)
     since_s = questions.open[0].since_s
-    questions.update(found(0.5), 1.0, 9999.0, said=False)
+    questions.update(found(0.5), 1.0, 9999.0, alarm_active=False)
     (standing,) = questions.open
     assert standing == replace(standing, since_s=since_s, probability=0.5)
     assert {"wheels", "question", "probability", "since"} == set(standing.entry())
@@ -115,7 +117,7 @@ def test_what_is_certainly_other_than_learned_is_asked_and_names_the_axle_that_i
     for unusual, wheels in ((0.995, ("fl", "fr")), (0.97, ())):
         questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
-            questions.update(found(0.01, unusual), 1.0, float(second), said=False)
+            questions.update(found(0.01, unusual), 1.0, float(second), alarm_active=False)
         assert wheels == (questions.open[0].wheels if questions.open else ())
         assert all("trailer" in one.question for one in questions.open)
 
@@ -126,7 +128,7 @@ def test_even_slip_of_driven_wheels_is_asked_about_as_slip() -> None:
     for models, cause in (({"evenly low grip": 0.99}, "a slippery road"), ({"a trailer": 0.99}, "trailer")):
         questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
-            questions.update(found(0.01, 0.995, **models), 1.0, float(second), said=False)
+            questions.update(found(0.01, 0.995, **models), 1.0, float(second), alarm_active=False)
         assert ("fl", "fr") == questions.open[0].wheels
         assert cause in questions.open[0].question
 
@@ -146,7 +148,7 @@ def test_a_slippery_road_looks_like_soft_tyres_of_a_driven_axle(
     judged = replace(judged, posterior=replace(judged.posterior, possible=possible))
     questions = Questions(SETTINGS, [0, 1, 2, 3], driven)
     for second in range(200):
-        questions.update(judged, 1.0, float(second), said=False)
+        questions.update(judged, 1.0, float(second), alarm_active=False)
     assert axle == questions.open[0].wheels
 
 
@@ -157,8 +159,8 @@ def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() 
         questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
             questions.update_first_start((1, chance, "2.1 mm smaller"), 1.0)
-            questions.update(None, 1.0, float(second), said=False)
-        questions.update(found(0.0), 1.0, 999.0, said=False)
+            questions.update(None, 1.0, float(second), alarm_active=False)
+        questions.update(found(0.0), 1.0, 999.0, alarm_active=False)
         assert wheels == (questions.open[0].wheels if questions.open else ())
         assert all("fr is 2.1 mm smaller?" == one.question for one in questions.open)
     questions.close_all()

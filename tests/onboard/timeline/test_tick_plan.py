@@ -14,7 +14,7 @@ from tpmsd.onboard.sources.ahead.decoded_block import Angles, DecodedBlock, Fram
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
-from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, plan_ticks
+from tpmsd.onboard.timeline.tick_plan import TickPlan, TickReadings, plan_ticks
 from tpmsd.onboard.timeline.timeline import Timeline
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=100)
@@ -154,7 +154,7 @@ class Planner:
         self.plan = plan
         self.found: list[bool] = []
 
-    def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
+    def planned_tick(self, index: int, end_s: float) -> TickReadings | None:
         tick = self.plan.tick(index, end_s, 6)
         self.found.append(tick is not None)
         return tick

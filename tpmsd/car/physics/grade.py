@@ -46,7 +46,7 @@ class GradeTracker:
         self._distance_m += distance_m
 
     def update(self, up_m: float) -> None:
-        """Take the height of a fix; NaN is left out."""
+        """Update by the height of a fix; NaN is left out."""
         if not math.isfinite(up_m):
             return
         points = self._points

@@ -111,7 +111,7 @@ class MqttBridge:
                 self.step(document, time.monotonic())
 
     def step(self, document: dict[str, Any] | None, now_s: float) -> None:
-        """Take one document, and publish availability, state, alarms and events that are due."""
+        """Process one document, and publish availability, state, alarms and events that are due."""
         self._available = document is not None
         if document is not None:
             self._summary = summarise(document)

@@ -89,8 +89,8 @@ class Announcer:
         return self._known is not None
 
     def recall(self, payload: bytes | None) -> None:
-        """Take the retained message of the topic `alarms`, then the summaries queued until now; None: it has
-        none."""
+        """Process the retained message of the topic `alarms`, then the summaries queued until now; None: it
+        has none."""
         self._known = {} if payload is None else {alarm.key: alarm for alarm in alarms_of_payload(payload)}
         while self._waiting:
             self.update(self._waiting.popleft())

@@ -202,7 +202,7 @@ class _Stop(BaseException):
 
 @contextlib.contextmanager
 def _until_signalled(stopped: threading.Event | None) -> Iterator[None]:
-    """Let SIGTERM and SIGINT set the event, or raise `_Stop` where there is none."""
+    """Make SIGTERM and SIGINT set the event, or raise `_Stop` where there is none."""
 
     def handle(number: int, _: object) -> None:
         if stopped is None:

@@ -26,7 +26,7 @@ FILE = "vehicle.toml"
 
 
 def add_effects_option(command: str, subparsers: Subparsers) -> None:
-    """Give a command its `--effects-path DIR`, if it knows effects."""
+    """Add the option `--effects-path DIR` to a command, if it knows effects."""
     parser = subparsers.choices.get(command)
     if parser is not None and command in COMMANDS:
         parser.add_argument(

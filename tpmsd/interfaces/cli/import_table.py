@@ -66,7 +66,7 @@ class _GuessFlag(argparse.Action):
         values: object,
         option_string: str | None = None,
     ) -> None:
-        """Take note."""
+        """Set the flag, with which DRIVE is not required."""
         self._drive.required = False
         setattr(namespace, self.dest, True)
 

@@ -31,7 +31,7 @@ _REDRAW_S = 0.1
 
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
-    """Give a command its `--json FILE`."""
+    """Add the option `--json FILE` to a command."""
     parser.add_argument(
         "--json", metavar="FILE", help="write the report as JSON to FILE ('-' is standard output)"
     )

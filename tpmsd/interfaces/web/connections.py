@@ -52,8 +52,8 @@ class Connections:
         return len(self._open)
 
     def admit(self, opened: socket.socket, address: tuple[Any, ...]) -> bool:
-        """Take a connection, if need be in place of a waiting one; return False if there is no room and it is
-        to be closed."""
+        """Accept a connection, if need be in place of a waiting one; return False if there is no room and it
+        is to be closed."""
         origin = origin_of(address[0])
         same_origin = [peer for peer, one in self._open.items() if one.origin == origin]
         if len(same_origin) >= self._settings.max_connections_per_address:

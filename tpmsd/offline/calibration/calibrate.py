@@ -106,8 +106,9 @@ def _geometry_of_paper_fit(
     )
 
 
-def _radii_by_wheel(radii: FloatArray, read: list[int]) -> dict[str, float]:
-    return {WHEELS[k]: float(radii[k]) for k in read}
+def _radii_by_wheel(radii: FloatArray, wheels: list[int]) -> dict[str, float]:
+    """Return the radii of the wheels with these indices by their names; `radii` are those of all four."""
+    return {WHEELS[k]: float(radii[k]) for k in wheels}
 
 
 _UNITS = {

@@ -71,7 +71,7 @@ class ChangeWithinDrive:
 
     @property
     def words(self) -> str:
-        """The change in words."""
+        """Sentence on which radius changes and by how much."""
         if self.wheel is None:
             return f"the radii of all wheels change by {self.relative:+.2%}"
         return f"the radius of wheel {WHEELS[self.wheel]} changes by {self.relative:+.2%} against the others"

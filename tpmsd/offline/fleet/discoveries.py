@@ -22,7 +22,7 @@ from tpmsd.offline.fleet.hierarchy import (
     sample_cars,
     variance_components,
 )
-from tpmsd.offline.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
+from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, RADII_OF_CONTRASTS, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
 DAYS_PER_WEEK = 7.0
@@ -161,7 +161,7 @@ def radius_trends(
         slope, of_slope = (covariance @ right)[p:], covariance[p:, p:]
         freedom = max(len(t) - 2, 1)
         for wheel in range(4):
-            axle = BACK[wheel] - BACK[wheel ^ 1]
+            axle = RADII_OF_CONTRASTS[wheel] - RADII_OF_CONTRASTS[wheel ^ 1]
             found.append(_trend_hypothesis(model, car, "leak", WHEELS[wheel], axle, slope, of_slope, freedom))
         common = np.array([1.0, 0.0, 0.0, 0.0])
         found.append(_trend_hypothesis(model, car, "wear", "all", common, slope, of_slope, freedom))

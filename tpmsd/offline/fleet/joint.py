@@ -24,7 +24,7 @@ from tpmsd.offline.fleet.discoveries import (
 )
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit
 from tpmsd.offline.fleet.losses import DAY_S, radius_losses
-from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, aligned_statistics
+from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, statistics_in_fleet_parameters
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import DriveEntry
 
@@ -82,7 +82,7 @@ def _stack_drives(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetS
     for names, which in same_names.items():
         for begin in range(0, len(which), SETTINGS.chunk_drives):
             part = which[begin : begin + SETTINGS.chunk_drives]
-            information[part], vector[part] = aligned_statistics(
+            information[part], vector[part] = statistics_in_fleet_parameters(
                 names, *_unpack_statistics([drives[k][2] for k in part])
             )
     of_car = np.array([number[car] for car, _, _, _ in drives], dtype=np.int64)

@@ -15,11 +15,11 @@ from tpmsd.car.physics.catalogue import FAULT
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.fleet.discoveries import FleetHypothesis
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, integrate_out_random_effect
-from tpmsd.offline.fleet.parameters import BACK, SCALES
+from tpmsd.offline.fleet.parameters import RADII_OF_CONTRASTS, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
 DAY_S = 86_400.0
-_TO_CONTRASTS = np.linalg.inv(BACK) / SCALES[:4, None]
+_TO_CONTRASTS = np.linalg.inv(RADII_OF_CONTRASTS) / SCALES[:4, None]
 """(4, 4) scaled contrasts of a change of each radius."""
 
 

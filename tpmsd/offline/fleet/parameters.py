@@ -40,38 +40,41 @@ CONTRASTS = (
     "radius_front_left_minus_right",
     "radius_rear_left_minus_right",
 )
-BACK = np.array([[1.0, 0.5, 0.5, 0.0], [1.0, 0.5, -0.5, 0.0], [1.0, -0.5, 0.0, 0.5], [1.0, -0.5, 0.0, -0.5]])
+RADII_OF_CONTRASTS = np.array(
+    [[1.0, 0.5, 0.5, 0.0], [1.0, 0.5, -0.5, 0.0], [1.0, -0.5, 0.0, 0.5], [1.0, -0.5, 0.0, -0.5]]
+)
 """(4, 4) radii fl fr rl rr of the four contrasts."""
 _EFFECTS = {
     name: (effect.name, what, unit)
     for effect in EFFECTS.values()
     for name, what, unit in effect.in_calibration
 }
-REST = tuple(name for name in PARAMETERS if name not in RADII)
+OTHER_PARAMETERS = tuple(name for name in PARAMETERS if name not in RADII)
 PARAMETERS_OF_FLEET = (
     *(
         FleetParameter(name, "radius", name, "1", 5e-3 if k < 2 else 1e-3, False)
         for k, name in enumerate(CONTRASTS)
     ),
-    *(FleetParameter(name, *_EFFECTS[name], PRIOR[name][1]) for name in REST),
+    *(FleetParameter(name, *_EFFECTS[name], PRIOR[name][1]) for name in OTHER_PARAMETERS),
 )
 NAMES = tuple(parameter.name for parameter in PARAMETERS_OF_FLEET)
 SCALES = np.array([parameter.scale for parameter in PARAMETERS_OF_FLEET])
 
 
-def aligned_statistics(
+def statistics_in_fleet_parameters(
     names: Sequence[str], information: FloatArray, vector: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return statistics of a drive, or of several with the same names, in the order of the fleet's parameters
-    and divided by their scales; (..., p, p) and (..., p).
+    """Return a drive's information matrix and vector in the fleet's parameters, (..., p, p) and (..., p).
 
-    A parameter that the drive does not name has no information.
+    Radii become their mean and contrasts, and each parameter is divided by its scale. `names` are those of
+    the drive's own parameters, or of several drives with the same ones; a parameter that they lack has no
+    information.
     """
-    turn = np.zeros((len(names), len(NAMES)))
+    jacobian = np.zeros((len(names), len(NAMES)))
     for k, name in enumerate(names):
         if name in RADII:
-            turn[k, :4] = BACK[RADII.index(name)]
-        elif name in REST:
-            turn[k, 4 + REST.index(name)] = 1.0
-    turn = turn * SCALES
-    return turn.T @ information @ turn, vector @ turn
+            jacobian[k, :4] = RADII_OF_CONTRASTS[RADII.index(name)]
+        elif name in OTHER_PARAMETERS:
+            jacobian[k, 4 + OTHER_PARAMETERS.index(name)] = 1.0
+    jacobian = jacobian * SCALES
+    return jacobian.T @ information @ jacobian, vector @ jacobian

@@ -117,7 +117,7 @@ def single_losses(
         return None
     if gain < COUNTERS.single_admit_nats or unlike < COUNTERS.lost_admit_nats:
         return None
-    by_growth = _losses_by_variance_growth(counts)
+    by_growth = _lost_counts_by_variance_growth(counts)
     return SingleLosses(
         wheel=WHEELS[wheel],
         rate_per_s=-sign * 0.5 * (mean + by_growth) / WINDOW_S,
@@ -203,7 +203,8 @@ def _block_sums(values: FloatArray, windows: int) -> FloatArray:
 
 
 def _loss_log_likelihood_ratio(values: FloatArray, mean: float) -> float:
-    """Return the log-likelihood ratio of random losses, `mean` in a window, against a bounded reading error.
+    """Return the log-likelihood ratio of counts lost at random, `mean` in a window, to a bounded reading
+    error.
 
     Sums over n windows: losses (Poisson) add (n - 1) * mean to their variance, a bounded error nothing.
     """
@@ -216,9 +217,11 @@ def _loss_log_likelihood_ratio(values: FloatArray, mean: float) -> float:
     )
 
 
-def _losses_by_variance_growth(values: FloatArray) -> float:
-    """Return the mean number of losses in a window, by the growth of the sums' variance with their length,
-    whatever the bounded noise.
+def _lost_counts_by_variance_growth(values: FloatArray) -> float:
+    """Return the mean number of lost counts in a window, by how the variance of sums over windows grows.
+
+    `values` (w,) are distances in counts less their mean. The variance of a sum over n windows is that of
+    bounded noise, whatever its size, plus n times the mean number of lost counts (Poisson).
     """
     few = COUNTERS.single_few_windows[-1]
     return (float(np.mean(_block_sums(values, few) ** 2)) - float(values.var())) / (few - 1)

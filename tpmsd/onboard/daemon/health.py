@@ -34,7 +34,7 @@ class RecentFaults:
         self._totals: deque[tuple[float, Counter[str]]] = deque()
 
     def update(self, now_s: float, totals: Counter[str]) -> dict[str, int]:
-        """Take the totals at a time; return those of each kind within `RATE_WINDOW_S`, no zeros."""
+        """Update by the totals at a time; return those of each kind within `RATE_WINDOW_S`, no zeros."""
         kept = self._totals
         if not kept or now_s - kept[-1][0] >= RATE_STEP_S:
             kept.append((now_s, totals.copy()))

@@ -54,7 +54,7 @@ class InputQueue:
         return len(self._heap)
 
     def put_frame(self, frame: CanFrame, stamp_s: float, now_s: float) -> None:
-        """Take a frame that was stamped at `stamp_s`."""
+        """Queue a frame that was stamped at `stamp_s`."""
         if not abs(stamp_s - now_s) <= STRANGE_S:
             self.counts["bad_stamp"] += 1
             stamp_s = now_s
@@ -62,12 +62,13 @@ class InputQueue:
         self._push(stamp_s, _FRAME, frame._replace(time_s=stamp_s))
 
     def put_sentence(self, line: bytes, stamp_s: float) -> None:
-        """Take a line whose first byte came at `stamp_s`."""
+        """Queue a line whose first byte came at `stamp_s`."""
         stamp_s = rounded(stamp_s)
         self._push(stamp_s, _SENTENCE, Sentence(stamp_s, line, 0))
 
     def release(self, until_s: float) -> Iterator[Input]:
-        """Yield the inputs stamped up to `until_s`, oldest first, and remove them."""
+        """Remove and yield the inputs stamped up to `until_s`, oldest first; drop and count those that are
+        late."""
         while self._heap and self._heap[0][0] <= until_s:
             stamp_s, _, _, item = heapq.heappop(self._heap)
             if stamp_s < self._released_until_s - LATE_S:

@@ -317,7 +317,7 @@ class Daemon:
                 self._recorder.flush()
 
     def _handle(self, steps: list[Step], monotonic_s: float) -> None:
-        """Hand each step to the outputs."""
+        """Send the frames of each step; log and announce its alarm events."""
         self._health.note_steps(steps, self._pipeline, monotonic_s)
         for step in steps:
             for event in step.report.events:

@@ -57,7 +57,7 @@ class ObdAsker:
         ]
 
     def received(self, identifier: int, extended: bool, data: bytes, now_s: float) -> str:
-        """Take a frame of the bus that is asked; return a line for the log if that ends the requests, else
+        """Process a frame of the bus that is asked; return a line for the log if that ends the requests, else
         nothing."""
         if now_s - self._spoke_s > ASLEEP_S:
             self._began_s, self._until_s = now_s, now_s + AWAKE_S

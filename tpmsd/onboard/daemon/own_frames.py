@@ -40,7 +40,7 @@ class OwnFrames:
         return [*self._outputs.filters(bus), *asked]
 
     def received(self, bus: int, frames: list[CanFrame], monotonic_s: float) -> None:
-        """Take frames of a bus; log if another node's frame ends an output or the requests."""
+        """Process frames of a bus; log if another node's frame ends an output or the requests."""
         asked = bool(self._asker) and bus == self._asked_bus
         if not (self._outputs or asked):
             return

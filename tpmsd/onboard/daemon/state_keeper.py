@@ -98,7 +98,7 @@ class StateKeeper:
         self._urgent = True
 
     def service(self, now_s: float, snapshot: Callable[[], Snapshot]) -> None:
-        """Start to save if that is due."""
+        """Collect the outcome of the last save, and start another if one is due."""
         if self._file is None:
             return
         self._collect_outcome()

@@ -34,7 +34,7 @@ class PoseFinder:
         self._fixes.clear()
 
     def update(self, fix: Fix, moving: bool) -> PoseStart | None:
-        """Take a fix; return the pose that it completes, or None while the heading is not known.
+        """Update by a fix; return the pose that it completes, or None while the heading is not known.
 
         `moving`: whether the wheels are faster than `start_speed_mps`.
         """

@@ -267,7 +267,7 @@ class Monitor:
         if self._sets.is_first_learning(bool(self._first.reported)):
             self._questions.update_first_start(self._first.suspected, elapsed_s)
         found = None if self._sets.other_tyres else self._judged
-        self._questions.update(found, elapsed_s, time_s, said=bool(self._active))
+        self._questions.update(found, elapsed_s, time_s, alarm_active=bool(self._active))
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
         """Return the probability of a deflation or of a deviation of a wheel, by the last judgement."""

@@ -95,7 +95,8 @@ class CanOutputs:
         ]
 
     def received(self, bus: int, identifier: int, extended: bool) -> str:
-        """Take a frame of another node; return a line for the log if that stops an output, else nothing."""
+        """Process a frame of another node; return a line for the log if that stops an output, else
+        nothing."""
         out = self._watched.get((bus, extended, identifier))
         if out is None or out.stopped:
             return ""

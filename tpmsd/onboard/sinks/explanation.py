@@ -94,7 +94,7 @@ class Explanation:
         judgement: Judgement,
         report: MonitorReport,
     ) -> None:
-        """Take a tick with all that the monitor was given, its present judgement, and its report."""
+        """Add a tick with all that the monitor was given, its present judgement, and its report."""
         share = 1.0 - math.exp(-tick.dt_s / EXPLANATION.recent_s)
         self._moving += share * (float(estimate.speed_mps > EXPLANATION.moving_mps) - self._moving)
         self._taught += share * (float(estimate.informative) - self._taught)

@@ -346,7 +346,7 @@ class WheelCounter:
         out.append(RotationSample(time_s, self.wheel, 0.0, self.rad_per_bit, self.segment))
 
     def _accept(self, time_s: float, raw: int, bits: int, out: list[Event]) -> None:
-        """Take a reading that is `bits` on from the last one, and append its sample."""
+        """Accept a reading that is `bits` on from the last one, and append its sample."""
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
         self._total += bits
@@ -372,7 +372,7 @@ class WheelCounter:
         out.append(RotationSample(time_s, self.wheel, angle, rad_per_bit, self.segment))
 
     def _accept_unchanged(self, time_s: float, out: list[Event]) -> None:
-        """Take an unchanged value: the wheel stands (or creeps), or the value was not renewed and is
+        """Accept an unchanged value: the wheel stands (or creeps), or the value was not renewed and is
         withheld."""
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
@@ -429,7 +429,7 @@ class WheelCounter:
         return 0 < sum(bits) <= limit and max(bits) - min(bits) <= SLACK_BITS + 0.2 * max(bits)
 
     def _replace_last(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> bool:
-        """Take the reading in place of the last one, if it follows the one before that.
+        """Accept the reading in place of the last one, if it follows the one before that.
 
         A wrong value that the wheel could just have reached is taken at first; the next right one shows it.
         """

@@ -77,8 +77,8 @@ class FrozenSpeeds:
         return copy.copy(self)
 
     def update(self, time_s: float, still_s: float, speed_mps: float) -> bool:
-        """Take a frame after which the last of all speeds is the same since `still_s` (infinite: they are
-        not) and the first wheel's is `speed_mps`; return whether they are frozen."""
+        """Update by a frame after which the last of all speeds is the same since `still_s` (infinite: they
+        are not) and the first wheel's is `speed_mps`; return whether they are frozen."""
         if math.isnan(self._since_s) or time_s < self._since_s:
             self._since_s = time_s
         if still_s == math.inf:

@@ -20,7 +20,7 @@ from tpmsd.onboard.sources.can.block import FrameBlock, float_sequence
 from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.tick import Tick
-from tpmsd.onboard.timeline.tick_plan import PlannedTick
+from tpmsd.onboard.timeline.tick_plan import TickReadings
 from tpmsd.onboard.timeline.tick_source import TickSource
 from tpmsd.onboard.timeline.timeline import MAX_PAUSE_S, Timeline
 
@@ -71,7 +71,7 @@ class _Playback:
             frame_index = min(frame_index, bisect_right(self._host_s, deadline_s) + origin)
         return min(max(frame_index, start), stop)
 
-    def planned_tick(self, index: int, end_s: float, frame_index: int) -> PlannedTick | None:
+    def planned_tick(self, index: int, end_s: float, frame_index: int) -> TickReadings | None:
         """Return the rotations and readings of a tick that is due, the frames before `frame_index` having
         been played; None where the plan has none. The timeline is given the samples before that frame where
         it needs them."""
@@ -137,11 +137,11 @@ class BlockSource:
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
-        """Take a frame as `TickSource.on_frame` does."""
+        """Process a frame as `TickSource.on_frame` does."""
         return self._source.on_frame(time_s, arbitration_id, is_extended, data, bus)
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
-        """Take a sentence as `TickSource.on_sentence` does."""
+        """Process a sentence as `TickSource.on_sentence` does."""
         return self._source.on_sentence(time_s, line)
 
     def finish(self) -> list[Tick]:
@@ -149,8 +149,8 @@ class BlockSource:
         return self._source.finish()
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Tick]:
-        """Take the data frames `start` to before `stop` of a block; yield the ticks that they complete. `bus`
-        (channels,): number of the bus of each channel."""
+        """Process the data frames `start` to before `stop` of a block; yield the ticks that they complete.
+        `bus` (channels,): number of the bus of each channel."""
         if block is not self._block:
             self._block, self._bus = block, bus
             self._frames = BlockFrames(self._source.decoder, block, bus)
@@ -174,7 +174,7 @@ class BlockSource:
                     block, min(stop, with_data, max(self._retry_at, self._at + 1))
                 )
 
-    def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
+    def planned_tick(self, index: int, end_s: float) -> TickReadings | None:
         """Return the planned tick of this index and end; None if no block is being played or its plan has
         none."""
         return None if self._playback is None else self._playback.planned_tick(index, end_s, self._at)
@@ -198,7 +198,7 @@ class BlockSource:
                 decoder.decode(frame.time_s, frame.arbitration_id, frame.is_extended, frame.data, bus)
 
     def _play_one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
-        """Take the frames up to `stop` through `TickSource.on_frame`; yield the ticks that they complete."""
+        """Process the frames up to `stop` by `TickSource.on_frame`; yield the ticks that they complete."""
         source, first = self._source, self._at
         # As a rule it is one: frames between it and the next carry nothing.
         frames = (block.frame(first),) if stop == first + 1 else block.frames(first, stop)

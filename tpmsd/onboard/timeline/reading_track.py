@@ -35,13 +35,13 @@ class ReadingTrack:
         self._held_s, self._held = -math.inf, math.nan
 
     def add(self, time_s: float, value: float) -> None:
-        """Take a reading."""
+        """Insert a reading in the order of the times."""
         index = bisect_right(self._times, time_s)  # the last, but for those of before a step of the clock
         self._times.insert(index, time_s)
         self._values.insert(index, value)
 
     def extend(self, times_s: list[float], values: list[float]) -> None:
-        """Take readings in the order of their times."""
+        """Add readings whose times rise; they may begin before the latest one."""
         if self._times and times_s[0] < self._times[-1]:
             for time_s, value in zip(times_s, values, strict=True):
                 self.add(time_s, value)

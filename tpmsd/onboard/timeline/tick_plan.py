@@ -20,7 +20,7 @@ from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack
 
 
-class PlannedTick(NamedTuple):
+class TickReadings(NamedTuple):
     """Rotations and readings of one tick."""
 
     rotation_rad: FloatArray
@@ -54,14 +54,14 @@ class TickPlan:
         )
         self._needs: list[int] = needs.tolist()
 
-    def tick(self, index: int, end_s: float, frame: int) -> PlannedTick | None:
+    def tick(self, index: int, end_s: float, frame: int) -> TickReadings | None:
         """Return the tick of this index and end; None if it is not in the plan or needs the frame `frame` or
         later ones."""
         row = index - self._first
         if not (0 <= row < len(self._needs) and self._needs[row] <= frame and self._ends_s[row] == end_s):
             return None
         means = dict(zip(self._fields, self._means[row], strict=True))
-        return PlannedTick(self._rotation[row], self._std[row], means)
+        return TickReadings(self._rotation[row], self._std[row], means)
 
 
 def plan_ticks(

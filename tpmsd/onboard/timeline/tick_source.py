@@ -71,7 +71,7 @@ class TickSource:
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
-        """Take one CAN data frame; return the ticks that it completes. `bus` as in `CanDecoder.decode`."""
+        """Process one CAN data frame; return the ticks that it completes. `bus` as in `CanDecoder.decode`."""
         # Most frames of a bus carry nothing and meet nothing that is due: as below, only quicker.
         if self.decoder.ignores(arbitration_id, is_extended, bus) and self.pass_empty_frames((time_s,)):
             return []
@@ -102,15 +102,15 @@ class TickSource:
         return frames
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
-        """Take one NMEA line; return the ticks that it completes. Where the receiver is on the bus, only its
-        time counts."""
+        """Process one NMEA line; return the ticks that it completes. Where the receiver is on the bus, only
+        its time counts."""
         ticks = self.advance(time_s)
         if isinstance(self.assembler, NmeaAssembler):
             ticks += self._add_events(self.assembler.feed(time_s, line))
         return ticks
 
     def on_event(self, event: Event) -> list[Tick]:
-        """Take a source's own event (interface down, receiver unplugged); return the ticks that it
+        """Process a source's own event (interface down, receiver unplugged); return the ticks that it
         completes."""
         return self._add_events([event])
 

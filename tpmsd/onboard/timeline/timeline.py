@@ -33,7 +33,7 @@ from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.onboard.timeline.speed_accuracy import SpeedAccuracy
 from tpmsd.onboard.timeline.tick import Fix, Tick
-from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, plan_ticks
+from tpmsd.onboard.timeline.tick_plan import TickPlan, TickReadings, plan_ticks
 from tpmsd.onboard.timeline.utc_offset import UtcOffsetTracker
 
 HOLDBACK_S = 0.45
@@ -81,7 +81,7 @@ class _Timed(NamedTuple):
 class TickPlanner(Protocol):
     """Computes ticks ahead of the samples that they are made of."""
 
-    def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
+    def planned_tick(self, index: int, end_s: float) -> TickReadings | None:
         """Return rotations and readings of the tick that is about to be made; None if it is not planned, and
         then the timeline has been given all samples up to there (`Timeline.add_samples`)."""
         ...
@@ -91,11 +91,11 @@ class RotationObserver(Protocol):
     """Receives every rotation sample at its own stamp, for quantities that ticks are too slow for."""
 
     def add(self, sample: RotationSample) -> None:
-        """Take one sample."""
+        """Process one sample."""
         ...
 
     def extend(self, run: RotationRun) -> bool:
-        """Take many samples of one wheel at once and return True; return False to be given them one by
+        """Process many samples of one wheel at once and return True; return False to get them one by
         one."""
         ...
 
@@ -153,7 +153,7 @@ class Timeline:
         return self._observer is not None and end_s >= shown_s + self._observer_delay_s
 
     def add(self, event: Event) -> list[Tick]:
-        """Take one event; return the ticks that its stamp completes."""
+        """Add one event; return the ticks that its stamp completes."""
         if isinstance(event, GnssFix):
             return self._add_fix(event)
         clock = self._clock
@@ -176,7 +176,7 @@ class Timeline:
         return ticks
 
     def _add_fix(self, fix: GnssFix) -> list[Tick]:
-        """Take a fix, which bears the arrival of its epoch's first sentence and comes when the last is in;
+        """Add a fix, which bears the arrival of its epoch's first sentence and comes when the last is in;
         return the ticks that it completes.
 
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
@@ -253,7 +253,7 @@ class Timeline:
         clock.latest_s = max(clock.latest_s, clock.to_logical(host_time_s))
 
     def plan(self, decoded: DecodedBlock) -> TickPlan | None:
-        """Return the plan of the next ticks that a decoded block covers; None if it covers none."""
+        """Return rotations and readings of the ticks that a decoded block covers; None if it covers none."""
         groups, shift_s, begin_s = decoded.groups, self.shift_s, self._tick_end_s(self._index)
         last_s = max((float(group.time_s[-1]) for group in groups), default=-math.inf) + shift_s
         ticks = math.floor((last_s - begin_s) / self._dt_s) if last_s > begin_s else 0
@@ -374,14 +374,14 @@ class Timeline:
             **means,
         )
 
-    def _interpolate_tick(self, begin: float, end: float) -> PlannedTick:
-        """Return rotations and means of a span by the tracks, whose used readings are dropped."""
+    def _interpolate_tick(self, begin: float, end: float) -> TickReadings:
+        """Return the rotations and mean readings between two times by the tracks; drop the readings used."""
         found = [rotation_between(track, begin, end) for track in self._tracks]
         for track in self._tracks:
             track.forget_before(end)
         rotation, std = np.array(found).T.copy()
         means = {FIELDS[role]: track.take_mean(end) for role, track in self._inertial.items()}
-        return PlannedTick(rotation, std, means)
+        return TickReadings(rotation, std, means)
 
     def _queue_fix(self, fix: GnssFix, arrival: float) -> float:
         """Return a fix's logical time of validity; queue it, in the plane, for the tick of that time unless

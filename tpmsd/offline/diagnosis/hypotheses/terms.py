@@ -273,7 +273,7 @@ class Hypotheses(ABC):
         return [term for term in (*pool, *self.splines) if (term.covariate, term.drive) == both]
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Gain of every smooth term."""
+        """Return the log-likelihood gain, nats, of every smooth term, each on its own, with the term."""
         return [(term.gain(gram, b)[0], term) for term in self.splines]
 
 

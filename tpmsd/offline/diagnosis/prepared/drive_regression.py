@@ -124,7 +124,7 @@ class Whitened:
 
     @property
     def white(self) -> FloatArray:
-        """(w, 9, n)"""
+        """Whitened columns of the windows, (w, 9, n)."""
         return self.grams.white
 
 

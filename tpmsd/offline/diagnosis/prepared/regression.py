@@ -73,7 +73,7 @@ class Regression:
 
     @property
     def driving_s(self) -> float:
-        """Windows that are compared."""
+        """Duration of the windows that are compared, s: there is one per second."""
         return float(sum(len(drive.reader.windows) for drive in self.examined))
 
     def with_drives(self, drives: Sequence[DriveRegression]) -> Regression:

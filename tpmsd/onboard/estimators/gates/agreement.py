@@ -70,8 +70,8 @@ class AgreementWatch:
         self._faulty: deque[float] = deque()
 
     def update(self, tick: Tick, radius_m: FloatArray, radius_std_m: float) -> Agreement:
-        """Take one tick and return the agreement. radius_m (4,): present estimate of the radii; radius_std_m:
-        standard deviation of their common part."""
+        """Update by one tick and return the agreement. radius_m (4,): present estimate of the radii;
+        radius_std_m: standard deviation of their common part."""
         if radius_m is not self._radius_m:
             self._radius_m, self._radii, self._mean_m = (
                 radius_m,

@@ -73,7 +73,7 @@ class MotionGate:
         self.accel_mps2 = 0.0
 
     def update(self, tick: Tick, speed_mps: float, yaw_rate_radps: float) -> bool:
-        """Take one tick's wheel speed and yaw rate; return whether this tick is informative."""
+        """Update by one tick's wheel speed and yaw rate; return whether this tick is informative."""
         if math.isnan(self.speed_mps):
             self.speed_mps, self.yaw_rate_radps = speed_mps, yaw_rate_radps
             return False

@@ -33,7 +33,7 @@ class ReverseWatch:
         return self._open and not self._signed
 
     def update_speed(self, speed_mps: float, dt_s: float) -> None:
-        """Take a tick's speed, m/s; a negative one shows that the signals bear a sign."""
+        """Update by a tick's speed, m/s; a negative one shows that the signals bear a sign."""
         if speed_mps == 0.0:
             self._rest_s += dt_s
             if self._rest_s >= SETTINGS.reverse_rest_s:

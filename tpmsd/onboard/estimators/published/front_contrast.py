@@ -111,27 +111,27 @@ class FourWheelBelief:
         return moved
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
-        """Do what the rear belief does."""
+        """Return the distance from the rear belief, which alone uses fixes."""
         return self.rear.distance(measurement)
 
     def update(self, measurement: FixMeasurement) -> None:
-        """Do what the rear belief does."""
+        """Update the rear belief alone."""
         self.rear.update(measurement)
 
     def correct_by_block(self, block: Block, bias_rad2: float) -> None:
-        """Do what the rear belief does."""
+        """Correct the rear belief alone."""
         self.rear.correct_by_block(block, bias_rad2)
 
     def finish_tick(self, gated: GatedTick) -> None:
-        """Do what the rear belief does."""
+        """Finish the tick of the rear belief alone."""
         self.rear.finish_tick(gated)
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
-        """Do what the rear belief does."""
+        """Set the pose of the rear belief, the only one."""
         self.rear.set_pose(start, measurement)
 
     def forget_pose(self) -> None:
-        """Do what the rear belief does."""
+        """Forget the pose of the rear belief, the only one."""
         self.rear.forget_pose()
 
     def moments(self) -> Moments:

@@ -181,7 +181,7 @@ class NiwRadii:
         return state.log_predictive(noise_m.T)
 
     def marginals(self, state: NormalInverseWishart) -> tuple[FloatArray, FloatArray, float]:
-        """Return the marginals of the predictive (21)."""
+        """Return location, squared scale and degrees of freedom of the predictive of each wheel (21)."""
         scale = np.diagonal(state.predictive_scale(), axis1=1, axis2=2)
         return state.mean.T, scale.T, state.predictive_dof
 
@@ -242,7 +242,7 @@ class WalkingRadii:
         return WalkingRadiiState(mu, np.full((2, count), self.noise_std_m**2))
 
     def forget(self, state: WalkingRadiiState, dt_s: float, rng: np.random.Generator) -> WalkingRadiiState:
-        """Let mu and Sigma walk by eqs (26d), (27)."""
+        """Return mu and Sigma after a step of their random walk, eqs (26d) and (27)."""
         state.mu += self.drift_std_m * math.sqrt(dt_s) * rng.standard_normal(state.mu.shape)
         least, most = SETTINGS.noise_floor_m**2, SETTINGS.noise_ceiling_m**2
         state.sigma = np.clip(step_sigma(state.sigma, rng), least, most)
@@ -299,5 +299,5 @@ class WalkingRadii:
         return np.asarray(-0.5 * (squared + np.log(state.sigma)).sum(axis=0))
 
     def marginals(self, state: WalkingRadiiState) -> tuple[FloatArray, FloatArray, float]:
-        """Return the Gaussian marginals: the degrees of freedom are infinite."""
+        """Return mean, variance and degrees of freedom of the radii: for a Gaussian, practically infinite."""
         return state.mu, state.sigma, 1e9

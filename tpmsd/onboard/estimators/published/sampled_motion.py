@@ -164,7 +164,8 @@ class WheelsMeasured:
         car: FilterCar,
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Let yaw rate and speed walk, and return their motion with the log-likelihood (N,) of the wheels."""
+        """Move yaw rate and speed by a random walk, and return their motion with the log-likelihood (N,) of
+        the wheels."""
         dt, track = rolling.gated.tick.dt_s, car.geometry.track_rear_m
         kick = rng.standard_normal((2, particles.count))
         if particles.motion is not None:

@@ -1,7 +1,6 @@
-"""Questions of the monitor: a tyre has probably changed, and nothing tells the cause.
+"""Questions of the monitor: a tyre has probably changed, and the radii do not identify the cause.
 
-In: every judgement. Out: the `Question`s that stand. An alarm says what is known, a question what is not, so
-that nothing is kept silent.
+In: every judgement. Out: the open `Question`s. An alarm reports what is known, a question what is ambiguous.
 
 A tyre is in order while its probability of a change is at most `clear_probability`; an alarm is raised from
 `raise_probability` on. What stays between the two for as long as an alarm of all wheels has to
@@ -34,7 +33,7 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, FIRST_START, JUDGE
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Something that the radii do not tell."""
+    """An ambiguous change of the radii, with its likeliest causes, as a question to the driver."""
 
     wheels: tuple[str, ...]
     """That are asked about: the most probable change."""
@@ -86,11 +85,11 @@ class Questions:
         elapsed_s: float,
         time_s: float,
         *,
-        said: bool,
+        alarm_active: bool,
     ) -> None:
         """Update the open questions by a judgement that stands for `elapsed_s` of driving; None where the
-        tyres may be others. `said`: an alarm of a tyre is active, which closes them."""
-        if said:
+        tyres may be others. `alarm_active`: a tyre alarm is active, which closes them."""
+        if alarm_active:
             self.close_all()
             return
         asked: list[tuple[tuple[str, ...], str, float]] = []
@@ -118,8 +117,10 @@ class Questions:
         return []
 
     def update_first_start(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
-        """Update the question about a tyre that was soft before the first start: its wheel, probability and
-        words; None leaves it as it is."""
+        """Update the question about a tyre that was soft before the first start.
+
+        `suspected`: wheel, probability and state in words; None leaves the question as it is.
+        """
         if suspected is not None:
             self._first = suspected
             self._of_first.update(suspected[1], elapsed_s)

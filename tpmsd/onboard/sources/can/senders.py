@@ -164,7 +164,7 @@ class SenderWatch:
         return self.fast
 
     def judge_value(self, index: int, value: float, jumped: bool, sound: bool) -> bool:
-        """Take one signal's value; return whether it is doubted because successive values contradict one
+        """Judge one signal's value; return whether it is doubted because successive values contradict one
         another.
 
         `jumped`: a reading was found odd with it; `sound`: it made a sample. Odd values with no sound ones
@@ -187,7 +187,7 @@ class SenderWatch:
         return irregular > IRREGULAR_LIMIT
 
     def judge_regular(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
-        """Do `judge_frame` and `judge_value` for frames and their values in order, up to the first that is
+        """Apply `judge_frame` and `judge_value` to frames and their values in order, up to the first that is
         doubted; return its index. `compared`: index and values of each signal that is compared."""
         index = 0
         while index < len(times_s):
@@ -202,7 +202,7 @@ class SenderWatch:
         return index
 
     def _pass_regular(self, times_s: list[float], start: int) -> int:
-        """Do `judge_frame` for the stamps from `start` on, as long as the known rate is kept; return their
+        """Apply `judge_frame` to the stamps from `start` on, as long as the known rate is kept; return their
         number."""
         period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
         window_s, grace_until_s, passed = self._window_s, self._grace_until_s, 0

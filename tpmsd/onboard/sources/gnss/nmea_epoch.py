@@ -78,7 +78,7 @@ class NmeaAssembler:
         return math.inf if self._burst is None else self._burst.last_s + self._interval.gap_s
 
     def feed(self, time_s: float, line: bytes) -> list[Event]:
-        """Take one line that arrived at `time_s`; return the events that it causes, in order. Never
+        """Process one line that arrived at `time_s`; return the events that it causes, in order. Never
         raises."""
         events: list[Event] = []
         burst = self._burst
