@@ -57,6 +57,18 @@ def apart(one: Share, others: Share) -> float:
     return float(fisher_exact(table).pvalue)
 
 
+def even_p_value(exceeded: int, drawn: int, stopped: bool, rng: np.random.Generator) -> float:
+    """Return a p-value counted in replicates, drawn evenly from those that its rank allows.
+
+    Few replicates give few values; drawn so, the p-value is exactly uniform where drive and replicates are
+    alike (Geyer and Meeden 2005, Statistical Science 20). `stopped`: drawing ended when the last of
+    `exceeded` replicates reached the drive's own value (Besag and Clifford 1991, Biometrika 78); of n, more
+    than n are needed with probability exceeded / (n + 1).
+    """
+    low, high = exceeded / (drawn + 1), exceeded / drawn if stopped else (exceeded + 1) / (drawn + 1)
+    return float(rng.uniform(low, high))
+
+
 def uniform(p_values: Sequence[float]) -> float | None:
     """p-value of p-values on null drives being uniform; None of fewer than five."""
     return float(kstest(np.asarray(p_values), "uniform").pvalue) if len(p_values) >= 5 else None

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.campaigns.offline import origins_coverage
 from bench.campaigns.offline.diagnosed import Row, by_half, parted
-from bench.statistics import apart, count, percent, uniform
+from bench.statistics import apart, count, even_p_value, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -116,20 +116,17 @@ def _null_row(name: str, judged: Sequence[Row]) -> str:
 
 
 def p_of_the_rest(row: Row) -> float | None:
-    """p-value of the best hypothesis that was not chosen; None without a certificate.
+    """p-value of the best hypothesis that was not chosen, as `even_p_value`; None without a certificate.
 
-    Few replicates give few values, so the p-value is drawn evenly from those that its rank allows: it is then
-    exactly uniform where drive and replicates are alike. Drawing stopped after `EXCEEDED` replicates that
-    reached it, if nothing else was asked; of n, more than n were needed with probability EXCEEDED / (n + 1).
+    Drawing stopped with the replicates that reached it only if nothing else was asked.
     """
     rest = row.get("remaining")
     if rest is None:
         return None
     drawn, exceeded = rest["replicates"], rest["exceeded"]
     stopped = exceeded == SETTINGS.robustness.exceeded and not row["findings"] and not row["suspicions"]
-    low, high = exceeded / (drawn + 1), exceeded / drawn if stopped else (exceeded + 1) / (drawn + 1)
     rng = np.random.default_rng([row["seed"], *row["origin"].encode()])
-    return float(rng.uniform(low, high))
+    return even_p_value(exceeded, drawn, stopped, rng)
 
 
 def _false(row: Row) -> list[dict[str, Any]]:
