@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import itertools
 import re
 import subprocess
 from collections import Counter
@@ -591,6 +592,88 @@ def test_finished_packages_are_in_terms_of_the_field() -> None:
 def test_the_watch_over_terms_sees(source: str, faults: int) -> None:
     """A fragment and a name with a word of `TERMS` are found; uses of others' names are let through."""
     assert faults == len(docstring_fragments("m.py", source) + unclear_identifiers("m.py", source))
+
+
+_DOCSTRING = re.compile(r'(?ms)^[ ]*r?"""(.*?)"""')
+_COMMENT = re.compile(r"(?m)(?<![\"'\w])#(.*)$")
+_QUOTED = re.compile(r"`([^`\n]+)`")
+_COMPOUND = re.compile(r"\b[A-Za-z0-9]+_\w+|\b_\w+")
+"""A name of several words, or a private one: what is a single word may be a word of English."""
+_DOTTED = re.compile(r"[a-z_]\w*(?:\.\w+)+")
+_OF_OTHERS = {"car", "can", "error", "np", "numpy", "org", "scipy", "tomllib", "tpmsd"}
+"""First parts of dotted names that are of other programs, or whose names test_documentation resolves."""
+_EXAMPLES = {
+    *("ID_0B0", "v_kmh", "wheel_angle_fl_rad", "wheel_speed_fl_kmh", "wheel_speed_fl_radps", "_rpm"),
+    *("X_covariance", "accel_lat_times_speed", "car_2", "car_3", "front_drive", "test_NAME"),
+    *("bus.can1.dbc", "ddmm.mmm", "sockaddr_un", "timeout_keep_alive"),
+}
+"""Names that are put together at run time, of a user's table or of another program."""
+
+
+@functools.cache
+def prose(path: Path) -> str:
+    """Return the docstrings and comments of a module; of a page all but its blocks of code."""
+    if path.suffix == ".md":
+        return re.sub(r"(?s)```.*?```", "", read(path))
+    return "\n".join(_DOCSTRING.findall(read(path)) + _COMMENT.findall(read(path)))
+
+
+@functools.cache
+def words_of_code() -> tuple[frozenset[str], frozenset[str]]:
+    """Return the words of all tracked code and of the files' names, and its pairs of words `one.other`;
+    docstrings and comments are left out."""
+    words: set[str] = set()
+    pairs: set[str] = set()
+    for path in tracked_files():
+        parts = re.split(r"[/.]", path.relative_to(REPO).as_posix())
+        words.update(parts)
+        pairs.update(f"{one}.{other}" for one, other in itertools.pairwise(parts))
+        if path.suffix in (".md", ".svg", ".png", ".gz", ".so") or path == Path(__file__).resolve():
+            continue
+        try:
+            text = read(path)
+        except UnicodeDecodeError:
+            continue  # recordings and pictures
+        if path.suffix == ".py":
+            text = _COMMENT.sub("", _DOCSTRING.sub("", text))
+            pairs.update(f"{path.stem}.{name}" for name in re.findall(r"\w+", text))
+        words.update(re.findall(r"\w+", text))
+        pairs.update(re.findall(r"(?=\b(\w+\.\w+))", text))
+    return frozenset(words), frozenset(pairs)
+
+
+def stale_names(text: str, dotted: bool = True) -> list[str]:
+    """Return the names in backquotes that no code has: of several words, or `dotted`, `module.member`."""
+    words, pairs = words_of_code()
+    out = []
+    for quoted in _QUOTED.findall(text):
+        found = set(_COMPOUND.findall(quoted)) - _EXAMPLES
+        out += sorted(name for name in found if name not in words)
+        is_example = quoted in _EXAMPLES or quoted.split(".")[0] in _OF_OTHERS
+        if dotted and _DOTTED.fullmatch(quoted) and not is_example:
+            out += [pair for pair in re.findall(r"^\w+\.\w+", quoted) if pair not in pairs]
+    return out
+
+
+def test_names_that_docstrings_quote_exist() -> None:
+    """A name in backquotes, in a docstring, a comment or a page on the code, is one that the code has."""
+    pages = [REPO / "CONTRIBUTING.md", *sorted((REPO / "docs" / "explanation").glob("*.md"))]
+    found = {
+        # Pages name keys of JSON documents, which are dotted as well.
+        path.relative_to(REPO).as_posix(): stale_names(prose(path), path.suffix == ".py")
+        for path in (*with_bench(), *pages)
+    }
+
+    assert {} == {name: stale for name, stale in found.items() if stale}
+
+
+def test_the_watch_over_quoted_names_sees() -> None:
+    """A name that was renamed, and a module that has moved, are found; what exists is let through."""
+    text = (
+        "As `stale_of_old`, `timeline.old`, `timeline.plan`, `gates.path_length`, `path_length` and `a word`."
+    )
+
+    assert ["stale_of_old", "timeline.old"] == stale_names(text)
 
 
 def test_the_architecture_names_every_package() -> None:

@@ -6,7 +6,7 @@ table.
 
 Then the joint estimate's intervals on drives of other cars: see `calibrate_coverage`.
 
-Ten noise scenarios on one drive of a multi-body car with slipping tyres (`multibody_course`): 2.2 km, a
+Ten noise scenarios on one drive of a multi-body car with slipping tyres (`commonroad_course`): 2.2 km, a
 dozen bends, 60 km/h; both rear circumferences start at 2.2 m. Measured are wheel counts (48 per revolution),
 positions (1 m, white, 5 Hz), yaw rate, accelerations and a compass, all with Gaussian noise, as in the
 paper; its noise levels are not published.

@@ -2,7 +2,7 @@
 
     python -m bench run lost-counts [--number 100] [--seed 1] [--kinds plain,latched] [--json FILE]
 
-The statistic of `counters.single_losses` alone, beside a calibration and no effect: a tenth of a second a
+The statistic of `rings.single_losses` alone, beside a calibration and no effect: a tenth of a second a
 drive. Drives are ten minutes of the kinematic world with rings of 40 to 100 counts, on which the control unit
 
     plain           reads its counters at the frame

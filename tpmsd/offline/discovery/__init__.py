@@ -1,4 +1,4 @@
-"""Content of a car's bus, found from a drive: wheels, their roles, the car's geometry, wrong configurations.
+"""Content of a car's bus, found from a drive: the wheels' signals, other roles, the car's geometry.
 
-In: frames and fixes of a drive, a DBC where there is one. Out: `result.Discovery` and `suspicions.Suspicion`.
+In: frames and fixes of a drive, a DBC where there is one. Out: `result.BusDiscovery`.
 """

@@ -117,7 +117,7 @@ class JudgeSettings:
     """Causes that a question names, the likeliest first: what a reader weighs at a glance."""
     all_hold_s: float = 180.0
     """An alarm of all wheels rests on the receiver's speed alone, which is held against its positions over so
-    long (`estimators.path_length`): a receiver whose speed drifts is a malfunction by then."""
+    long (`gates.path_length`): a receiver whose speed drifts is a malfunction by then."""
     losses_per_km: tuple[float, float, float, float] = (4.5e-6, 1.4e-6, 4.5e-7, 4.5e-6)
     """Rate at which each subset of one to four tyres loses air, per km: one tyre in 220,000 km, two or three
     at once more rarely, all four by diffusion and neglect as often as one (docs/explanation/alarms.md has the
@@ -241,7 +241,7 @@ class SignalSettings:
     """Beyond both, speeds of wheels and receiver are of two cars; braking and lags are less."""
     agreed_s: float = 60.0
     """Driving in which wheels and receiver agreed, after which the bus has been decoded rightly: a wrong
-    scale shows within the 10 s of `estimators.agreement`."""
+    scale shows within the 10 s of `gates.agreement`."""
     speed_fresh_s: float = 2.0
     """After a fix, how long its speed is that of the car."""
     chord_s: float = 1.0
@@ -305,7 +305,7 @@ class StatedStdSettings:
     receiver_scale: float = 0.001
     """Standard deviation of a scale that a receiver has in speeds and positions alike: R * s of a radius R.
     Nothing in the car tells it from the common radius; it cancels in changes. Three of them are 0.3 %, which
-    rounding to 0.1 knots does at 17 m/s, and by which `estimators.path_length` lets positions and speeds
+    rounding to 0.1 knots does at 17 m/s, and by which `gates.path_length` lets positions and speeds
     differ."""
     unknown_level: float = 0.3
     """Standard deviation of what all radii have in common before the first fix, relative: any, for all that

@@ -77,7 +77,7 @@ class FolderStream:
         self.gnss_offset_s = 0.0
         """Added to the time of every NMEA line; see `plain_nmea.clock_offset`."""
         self.channel: str | None = None
-        """Frames of other channels are left out; None takes all. See `can_channels.choose_channel`."""
+        """Frames of other channels are left out; None takes all. See `channels.choose_channel`."""
         self.buses: dict[str, int] = {}
         """Channel -> number of the bus, as `CanDecoder.decode` has it; 0 for those that are not here."""
         self.counts: Counter[str] = Counter()

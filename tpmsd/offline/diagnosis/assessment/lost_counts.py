@@ -1,8 +1,8 @@
-"""Counts that are lost as findings.
+"""Lost and added counts as findings.
 
-In: a `Regression`. Out: `Finding`s. They are looked for apart from all else: at walking pace below the speeds
-of the windows (`counters.low_speed`), while a wheel turns by the rings' ripple (`counters.missed`) or one by
-one by the scatter of its way (`counters.single_losses`).
+In: a `Regression`. Out: `Finding`s. Three searches, apart from all other terms: at walking pace, below the
+speeds of the windows (`rings.low_speed`); while a wheel turns, by the ripple of its ring (`rings.missed`);
+one by one, by the scatter of the wheel's distance (`rings.single_losses`).
 """
 
 from __future__ import annotations

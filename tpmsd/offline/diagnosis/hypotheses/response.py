@@ -195,7 +195,7 @@ def ramp_column(
 
 
 def ramp_knots(reader: Reader) -> FloatArray:
-    """(RAMP_KNOTS + 1,) knots of the radius ramps: equal shares of the driving, as times."""
+    """(`ramp_knots` + 1,) knots of the radius ramps: equal shares of the driving, as times."""
     index = reader.windows.index
     at = np.linspace(0, len(index) - 1, SETTINGS.hypotheses.ramp_knots + 1)
     return np.asarray(np.interp(at, np.arange(len(index)), index * WINDOW_S))

@@ -15,12 +15,12 @@ is taken from the physics catalogue, each with a prior of what cars have:
     AGE         of the receiver's speed, s: no radius, but what looks like slip where all wheels are driven
     LOAD        load of each axle: another after the car has stood
     DAY         temperature and pressure of the air: another on another day
-    WANDER      what comes and goes within a drive; WANDER_OWN of one wheel
+    DRIFT       fluctuations within a drive, of all wheels; DRIFT_OWN of one wheel
 
-The first eight belong to the car and are learned once, each range of speed for itself, then frozen: what
-followed the radii would follow a slow leak too. The last three belong to the drive; they are learned in its
-first minutes and forgotten with it. So nothing that a leak does can be taken for longer than a drive, nor for
-more than load and weather can do.
+All but the last three belong to the car and are learned once, each range of speed for itself, then frozen:
+what followed the radii would follow a slow leak too. The last three belong to the drive; they are learned in
+its first minutes and forgotten with it. So nothing that a leak does can be taken for longer than a drive, nor
+for more than load and weather can do.
 """
 
 from __future__ import annotations

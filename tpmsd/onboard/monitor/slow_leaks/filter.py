@@ -3,13 +3,13 @@
 In: three contrasts per drive (left minus right of each axle, front minus rear), in per cent of pressure, with
 their variances. Out: hypotheses with their probabilities; each holds a Gaussian of what `state` names.
 
-Contrasts hold neither seasons nor the diffusion of all four, and no error that is common to the wheels. In
-a healthy car they scatter from day to day, drift for some days, and step: air is put in, wheels are changed.
+Contrasts hold neither seasons nor the diffusion of all four, and no error that is common to the wheels. In a
+healthy car they scatter from day to day, drift for some days, and step: air is put in, wheels are changed.
 One visit to the pump is mostly of all tyres, so that it shows in all three contrasts at once, as a leak shows
 in two. Before the first reading of a day every hypothesis splits: no step; a refill of all, an axle or one
 tyre; such changes of wheels; and those without a leak into onsets of one in each tyre. How far readings
-scatter is learned by each hypothesis (`leak_noise`). The likeliest hypotheses of each tyre are kept (Alspach,
-Sorenson 1972, IEEE Transactions on Automatic Control 17: Gaussian sums).
+scatter is learned by each hypothesis (`slow_leaks.noise`). The likeliest hypotheses of each tyre are kept
+(Alspach, Sorenson 1972, IEEE Transactions on Automatic Control 17: Gaussian sums).
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class LeakHypotheses:
     drift: FloatArray
     """(n, 3) standard deviation of what comes and goes in each contrast within days, per cent"""
     noise: FloatArray
-    """(n, 2) learned sums of squares (`leak_noise`)"""
+    """(n, 2) learned sums of squares (`slow_leaks.noise`)"""
     onset_d: FloatArray
     """(n,) day on which the leak began; NaN without one"""
     days: FloatArray

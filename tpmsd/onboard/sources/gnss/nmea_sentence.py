@@ -60,7 +60,7 @@ _KEPT = 4
 """Texts of which the value is kept."""
 _HEMISPHERES = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
 ACCURACY = "PTPMSG"
-"""tpmsd's own sentence (`gnss_solution`)."""
+"""tpmsd's own sentence (`gnss.solution`)."""
 HANDLED = frozenset((*_FULL_LENGTH, ACCURACY))
 OTHER = "other"
 
