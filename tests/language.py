@@ -31,6 +31,9 @@ NOT_USED: dict[str, str] = {
     r"\bpapers? 00\d": "author and year, resolved in the bibliography",
     r"still has structure|not enough to go by": "varies systematically; insufficient data",
     r"estimated along\b|\bticks run\b|where on the way|noise lets expect": "also estimated; first tick",
+    r"what comes and goes|comes and goes (with|within)|grip comes and goes": "fluctuations, fluctuates",
+    r"\b(is|are|was|were|be) believed\b": "trusted, used, accepted or estimated",
+    r"\b(its|the|their|a) fellows?\b": "the other wheel of the axle",
     r"a witness's|cr(y|ies) wolf": "an independent measurement; false alarms",
 }
 """Pattern, in any case -> the term that is used instead."""

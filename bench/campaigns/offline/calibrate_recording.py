@@ -19,7 +19,7 @@ PER_TICK = 5
 
 
 def configured(spec: Spec) -> VehicleConfig:
-    """What the operator of the world's car believes of it."""
+    """Configuration by the operator of the world's car."""
     return VehicleConfig(
         wheel_radius_m=(spec.radius_m,) * 4,
         track_front_m=spec.track_front_m,

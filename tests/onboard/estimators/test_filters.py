@@ -415,7 +415,7 @@ def test_no_receiver_at_all(method: str) -> None:
 
 @EACH
 def test_lost_wheels_have_no_speed(method: str) -> None:
-    """A bus that dies at 20 m/s: after some seconds of coasting the speed is no longer claimed."""
+    """A bus that dies at 20 m/s: after some seconds of extrapolation the speed is no longer claimed."""
     drive = World(duration_s=60.0).drive()
     estimates = run(estimator(method, drive.world), without([0, 1, 2, 3], 300, 600)(drive.ticks))
     assert 20.0 == pytest.approx(estimates[310].speed_mps, abs=4.0)

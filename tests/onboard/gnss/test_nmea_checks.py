@@ -32,7 +32,7 @@ def test_a_position_is_out_of_reach_beyond_its_distance(north: float, east: floa
 
 
 def test_a_new_place_is_believed_from_the_third_fix_on() -> None:
-    """Three fixes in a row within reach of one another are believed; one that is elsewhere begins again."""
+    """Three fixes in a row within reach of one another are accepted; one that is elsewhere begins again."""
     leap = Leap()
     reported = [leap.judge(fix(north_m)) for north_m in (0.0, 9e3, 5e4, 5e4, 5e4, 5e4, 0.0, 5e4)]
     assert [False, True, True, True, False, False, True, False] == reported

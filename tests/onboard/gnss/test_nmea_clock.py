@@ -57,7 +57,7 @@ def test_week_rollover(periods: int):
 
 @pytest.mark.parametrize("host_s", [100.0, HOST + 5 * DAY, HOST - 300 * DAY])
 def test_a_host_that_is_just_wrong_corrects_nothing(host_s: float):
-    """Only a difference of whole 1024 weeks is the receiver's error; any other date is believed."""
+    """Only a difference of whole 1024 weeks is the receiver's error; any other date is accepted."""
     clock = ReceiverClock()
     assert JULY_11 * DAY + 60000.0 == clock.resolve(60000.0, JULY_11, host_s)
     assert 0 == clock.rollovers

@@ -218,11 +218,11 @@ def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
 def test_a_tyre_that_stands_out_on_its_axle_is_named_beside_a_load(wheel: int) -> None:
     """One tyre is 20 % low and a trailer has lowered the other axle by 0.5 mm: whether that axle's tyres are
     soft as well is open, and this one is named all the same; a lowered axle alone is not."""
-    fellow_axle = [w for w in WHEELS if w // 2 != wheel // 2]
+    other_axle = [w for w in WHEELS if w // 2 != wheel // 2]
     own_m2 = np.full((4, 4), 3e-4**2) + np.eye(4) * 1e-4**2
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
     loaded = np.zeros(4)
-    loaded[fellow_axle] = -5e-4
+    loaded[other_axle] = -5e-4
     soft = loaded.copy()
     soft[wheel] -= 1.5e-3
     named = []

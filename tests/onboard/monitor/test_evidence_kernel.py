@@ -119,7 +119,7 @@ def test_arrays_that_do_not_belong_together_are_declined() -> None:
 
 
 def some_windows(wheels: tuple[int, ...], count: int, seed: int, *, sized: bool) -> list[Window]:
-    """Windows of which the young ones know sizes that came in them; what is believed of subsets scatters from
+    """Windows of which the young ones know sizes that came in them; the probability of subsets scatters from
     none to all of it."""
     rng = np.random.default_rng(seed)
     windows = []
@@ -164,7 +164,7 @@ def test_windows_of_different_sizes_are_left_to_arrays() -> None:
 
 
 def test_windows_of_different_wheels_are_declined() -> None:
-    """They would be read from beyond what is believed of them."""
+    """They would be read from beyond their probability."""
     windows = [*some_windows((2, 3), 1, 1, sized=False), *some_windows((0, 1, 2, 3), 1, 1, sized=False)]
     with pytest.raises(ValueError, match="belong together"):
         by_compiled(windows)

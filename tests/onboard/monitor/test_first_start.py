@@ -36,8 +36,8 @@ def test_what_a_mixed_set_explains_is_no_soft_tyre() -> None:
 def test_a_wheel_that_is_small_from_the_first_minute_is_reported(
     wheels: tuple[int, ...], loss: float
 ) -> None:
-    """1.5 to 2.2 % smaller than its fellow when tpmsd first sees the car: a deflation of that wheel within
-    two minutes, that says since when, with the alternative."""
+    """1.5 to 2.2 % smaller than the other wheel of its axle when tpmsd first sees the car: a deflation of
+    that wheel within two minutes, that says since when, with the alternative."""
     player = Player(monitor(wheels), offset_m=(0.002, 0.0023, 0.0011, 0.0009))
     events = player.play(120.0, one(2, -loss))
     assert [("deflation", "rl", "raised")] == said(events)
@@ -50,8 +50,8 @@ def test_a_wheel_that_is_small_from_the_first_minute_is_reported(
 
 
 def test_it_clears_when_the_tyre_is_inflated_and_the_car_is_learned_anew() -> None:
-    """The radius comes back to that of its fellow: the alarm is cleared, what was learned of the soft tyre is
-    forgotten, and a puncture later on is found."""
+    """The radius comes back to that of the other wheel: the alarm is cleared, what was learned of the soft
+    tyre is forgotten, and a puncture later on is found."""
     player = Player(monitor(ALL))
     player.play(120.0, one(1, -0.02))
     events = player.play(200.0)

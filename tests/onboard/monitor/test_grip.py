@@ -21,7 +21,7 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 from tpmsd.onboard.timeline.tick import Tick
 
 MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
-FELLOWS = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+AXLE_DIFFERENCES = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
 ASKED = MonitorConfig().raise_probability
 
 
@@ -92,14 +92,20 @@ def test_a_wheel_that_is_locked_for_seconds_is_not_what_twenty_seconds_have_seen
     off = np.zeros((20, 4))
     off[:, 0] = 1e-5 * np.arange(20)
     off[:6, 2], off[-6:, 1] = 40e-3, -20e-3
-    found = least_disturbed_sample([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    found = least_disturbed_sample(
+        [(usual + one, *shared) for one in off], reference.mean, RADIUS, AXLE_DIFFERENCES
+    )
     assert 6 <= round((found[0] - usual)[0] / 1e-5) < 14
     off[:, 1:] = 0.0
     off[12:, 3] = -2e-3
-    found = least_disturbed_sample([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    found = least_disturbed_sample(
+        [(usual + one, *shared) for one in off], reference.mean, RADIUS, AXLE_DIFFERENCES
+    )
     assert 0.0 == pytest.approx((found[0] - usual)[3], abs=1e-9)
     off[12:, 2] = -2e-3
-    found = least_disturbed_sample([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    found = least_disturbed_sample(
+        [(usual + one, *shared) for one in off], reference.mean, RADIUS, AXLE_DIFFERENCES
+    )
     assert -2e-3 == pytest.approx((found[0] - usual)[3], abs=1e-9)
 
 

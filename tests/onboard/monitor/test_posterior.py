@@ -140,7 +140,7 @@ def at_once(change_mm: FloatArray, believed: FloatArray) -> Posterior:
 
 
 def test_what_is_not_believed_passes_and_keeps_an_alarm() -> None:
-    """Both front tyres are 1.8 mm smaller. Where an axle is believed both have lost air; where it is not,
+    """Both front tyres are 1.8 mm smaller. Where an axle may be soft both have lost air; where it is not,
     neither has, and both may have: an alarm that stands is not cleared."""
     change, every = np.array([-1.8, -1.8, 0.0, 0.0]), members(4)
     alone = every * (every.sum(axis=1) == 1.0)[:, None]

@@ -244,8 +244,8 @@ def test_the_slope_tells_low_grip_from_two_soft_driven_tyres(seed: int) -> None:
 )
 def test_what_grip_leaves_of_a_loss(model: str, lost: tuple[int, ...], left: float) -> None:
     """Of a loss of 3 mm that is certain as such, on a car with a driven front axle: nothing of two driven
-    wheels while the road is slippery, nothing of an axle or all wheels while grip comes and goes (0.8 each),
-    all of what stands out beside its fellow."""
+    wheels while the road is slippery, nothing of an axle or all wheels while grip fluctuates (0.8 each),
+    all of what stands out beside the other wheel."""
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
     change = np.zeros(4)
     change[list(lost)] = -3e-3

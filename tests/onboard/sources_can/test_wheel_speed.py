@@ -75,7 +75,8 @@ def test_odd_and_late_readings_move_nothing(data: st.DataObject) -> None:
 
 
 def test_a_new_level_begins_a_segment() -> None:
-    """Where the speed stays at the impossible value, it is believed, but the way before it is another one."""
+    """Where the speed stays at the impossible value, it is accepted, but the distance before it is another
+    one."""
     wheel = Wheel()
     for step in range(50):
         wheel.feed(step * PERIOD_S, 20.0 if step < 25 else 45.0)

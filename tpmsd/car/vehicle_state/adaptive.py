@@ -1,4 +1,4 @@
-"""Equivalent weights and the adaptive factor: how much to believe a reading, and the prediction.
+"""Equivalent weights of readings, and the adaptive factor, which is the weight of the prediction.
 
 In: innovations and corrections with their standard deviations. Out: factors from 0 to 1. [Liu 2022, eqs 19
 and 20].
@@ -22,21 +22,21 @@ lateral speed) would be lost."""
 
 @dataclass(frozen=True, slots=True)
 class RobustSettings:
-    """Zones of both functions, in standard deviations."""
+    """Limits of both weight functions (IGG-III), in standard deviations."""
 
-    believe: float = 1.5
-    """K0, 1 to 1.5."""
-    refuse: float = 6.0
-    """Kg, 3 to 8."""
-    keep: float = 1.5
-    """c0, 1 to 1.5."""
-    abandon: float = 6.0
-    """c1, 3 to 8."""
+    k0: float = 1.5
+    """Residual up to which a reading has full weight, K0 of the paper: 1 to 1.5."""
+    k1: float = 6.0
+    """Residual from which it has none, Kg of the paper: 3 to 8."""
+    c0: float = 1.5
+    """Correction up to which the prediction has full weight: 1 to 1.5."""
+    c1: float = 6.0
+    """Correction from which it has least weight: 3 to 8."""
 
     def weights(self, innovation: FloatArray, std: FloatArray) -> FloatArray:
         """Return the (k,) equivalent weights (IGG-III) of readings by their innovations, at least
         `MIN_WEIGHT`."""
-        return np.maximum(igg3(innovation / std, self.believe, self.refuse), MIN_WEIGHT)
+        return np.maximum(igg3(innovation / std, self.k0, self.k1), MIN_WEIGHT)
 
     def factor(self, correction: FloatArray, variance: FloatArray) -> float:
         """Return the adaptive factor, `MIN_FACTOR` to 1, by the correction of the state (n,) and its
@@ -46,4 +46,4 @@ class RobustSettings:
         deviations.
         """
         moved = np.sqrt(np.mean(correction**2 / variance))
-        return max(float(igg3(moved, self.keep, self.abandon)), MIN_FACTOR)
+        return max(float(igg3(moved, self.c0, self.c1)), MIN_FACTOR)

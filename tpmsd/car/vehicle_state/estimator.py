@@ -48,9 +48,9 @@ class VehicleStateAssumptions:
     hold_s: float = 1.0
     """For so long the last steering angle and acceleration stand in for missing ones."""
     rejection_timeout_s: float = 2.0
-    """A reading refused by the robust weights for so long is right and the state wrong: start again."""
+    """A reading rejected by the robust weights for so long is right and the state wrong: start again."""
     rejection_weight: float = 0.01
-    """Equivalent weight below which a reading counts as refused."""
+    """Equivalent weight below which a reading counts as rejected."""
 
 
 SETTINGS = VehicleStateAssumptions()

@@ -1,6 +1,6 @@
 """`tpmsd explain [DRIVE]`: why an alarm is active, or why none is.
 
-In: the running daemon's socket, or a drive folder that is replayed. Out: what was believed before, the
+In: the running daemon's socket, or a drive folder that is replayed. Out: the probabilities before, the
 evidence by contrast of wheels over time, the alternatives and why they lost, what would clear it; as text or
 JSON.
 """
@@ -30,7 +30,7 @@ from tpmsd.offline.report.explanation_text import explanation_text
 SCHEMA = "tpmsd.explanation/1"
 
 _DESCRIPTION = """\
-Explains every alarm: what was believed before, which evidence spoke for it by contrast of wheels over time,
+Explains every alarm: the probabilities before, which evidence spoke for it by contrast of wheels over time,
 which alternatives were considered and why they lost, and what would clear it. Where there is no alarm it says
 why not yet: what is missing of motion, sky and learning.
 

@@ -39,7 +39,7 @@ class State:
 
     regression: Regression
     design: FloatArray
-    """(1 + p, k) of the model that is believed so far: the noise is estimated beside it."""
+    """(1 + p, k) of the model so far, beside which the noise is estimated."""
     evidence: Evidence | None = None
     selection: Selection | None = None
     tried: tuple[tuple[Term, ...], ...] = ()

@@ -101,7 +101,7 @@ def merge_confounded_terms(search: Search) -> Search:
     """Return the likeliest selection in which one name does all that it and one confounded with it did.
 
     Beside the other name, and with nuisances fitted for both, it may stand in a variant or at values from
-    which no step leads to those it has alone: nuisances are admitted anew.
+    which no step leads to those it has alone: nuisances are admitted again.
     """
     if not any(are_confounded(*pair) for pair in permutations(search.named, 2)):
         return search

@@ -34,8 +34,8 @@ class FleetSettings:
     min_changes: int = 8
     """Between successive drives, for a median that says what is usual of a model."""
     grown_nats: float = 3.0
-    """A tyre that became larger than its fellows (changed alone, or inflated) is twenty times as rare as one
-    that lost air, and of two on one axle the drives tell badly which it was."""
+    """A tyre that became larger than the others (changed alone, or inflated) is twenty times as rare as one
+    that lost air, and of two on one axle the drives hardly identify which it was."""
     outlier_p: float = 1e-3
     """Cars that differ at this level by themselves do not take part in estimating what cars of the model are
     like: a faulty car would widen the spread that it is held against."""

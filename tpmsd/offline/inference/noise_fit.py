@@ -1,6 +1,6 @@
 """The noise model of a drive, estimated from the drive by restricted maximum likelihood.
 
-In: `Linearised`, residuals, the columns of the model believed so far. Out: the `Noise` of greatest restricted
+In: `Linearised`, residuals, the columns of the model so far. Out: the `Noise` of greatest restricted
 likelihood (Patterson and Thompson, Biometrika 58, 1971: the values of the columns are integrated out, so that
 what they take up is not counted as calm), and how much single readings must be inflated because they are
 outliers. Estimated after the best model, not before: a missing effect must not pass for noise.
@@ -92,7 +92,7 @@ def fit_noise(
 ) -> Noise:
     """Return the noise that maximises the restricted likelihood over the parameters of a stage.
 
-    `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
+    `columns` (w, 9, 1 + k): the residual and the columns of the model, whose values are fitted along.
     A long drive is represented by two stretches of it.
     """
     whole = _data_of(windows, columns, inflate)

@@ -28,8 +28,8 @@ from tpmsd.offline.inference.trajectory import WINDOW_S
 from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
 
 SPEED_STD_MPS, YAW_STD_RADPS = 1.0, 0.1
-"""Standard deviations of the reference motion's errors in a window: so wide that the reference is believed
-nothing.
+"""Standard deviations of the reference motion's errors in a window: so wide that the reference has no
+weight.
 """
 LARGEST_JUMP = 100.0
 """Most by which a far-off position widens the receiver's slow error."""

@@ -6,7 +6,7 @@ Fewer counts per distance are a larger radius or counts that are lost. The rippl
 turn (`car.rings.ripple`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as
 ever, of counts that are lost after fewer. So two models of a wheel's angle are compared by the power of the
 ripple in them (Schuster 1898): the counts as they are; and the counts with a share put back that is the same
-all the time, or that comes and goes as the other wheel of the axle shows. Phases are free in each block, so
+all the time, or that fluctuates as the other wheel of the axle shows. Phases are free in each block, so
 that only the angle within a block counts, and nothing hangs on radii or on the receiver's scale.
 """
 
@@ -182,7 +182,7 @@ def _missed_by_wheel(recording: Recording, pair: _Pair, side: int, wheel: str) -
         return None
     bend = -float(np.gradient(np.gradient(which, shares), shares)[at])
     std = math.hypot(ring_error, max(bend, 1e-12) ** -0.5)
-    if share < COUNTERS.missed_stds * std:  # what comes and goes with bends is load
+    if share < COUNTERS.missed_stds * std:  # what follows the bends is load
         return None
     ring = recording.car.teeth_per_rev * (1.0 - of_ring)
     per_s = pair.counts_per_s(recording, side) * (1.0 - of_ring)

@@ -116,15 +116,15 @@ class Standstill:
 
 
 @dataclass(frozen=True, slots=True)
-class DeadReckoning:
-    """Rear rotation is missing: dead reckoning by the last speed and yaw rate."""
+class Extrapolation:
+    """Motion without rear rotation: extrapolated at the last speed and yaw rate."""
 
     dt_s: float
     speed_mps: float
     yaw_rate_radps: float
 
 
-Movement = RolledTick | Standstill | DeadReckoning
+Movement = RolledTick | Standstill | Extrapolation
 
 
 class FixMeasurement(NamedTuple):

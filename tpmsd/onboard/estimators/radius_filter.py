@@ -1,4 +1,5 @@
-"""The frame of every estimator: gates, the search for the pose, dead reckoning, and what survives a restart.
+"""The frame of every estimator: gates, the search for the pose, extrapolation without wheels, and what
+survives a restart.
 
 In: `Tick`s. Out: `RadiusEstimate`s. What rotations and fixes say of the radii is the `Belief`'s, which is
 made of pieces (`table`).
@@ -17,7 +18,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, RadiusStatement
 from tpmsd.onboard.estimators.belief import (
     Belief,
-    DeadReckoning,
+    Extrapolation,
     FilterCar,
     FixMeasurement,
     GatedTick,
@@ -94,7 +95,7 @@ class RadiusFilter:
         self._located = False
         self._informative_s = 0.0
         self._last_fix_s = self._last_used_s = -math.inf
-        self._coasting_s = 0.0
+        self._extrapolated_s = 0.0
         self._speed, self._yaw_rate = 0.0, 0.0
         self._steady_yaw_rate = 0.0
         """Yaw rate by the present radii, smoothed."""
@@ -105,7 +106,7 @@ class RadiusFilter:
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
         tick = self._received.select(tick)
-        if tick.gap_s > SETTINGS.coast_limit_s:
+        if tick.gap_s > SETTINGS.extrapolation_limit_s:
             self._lose_pose()
         gated = self._take_rotation(tick)
         for fix in tick.fixes:
@@ -120,14 +121,14 @@ class RadiusFilter:
     # -- motion ---------------------------------------------------------------------------------------------
 
     def _take_rotation(self, tick: Tick) -> GatedTick:
-        """Predict by the wheels' rotation, or by dead reckoning without it; return the tick with the gates'
+        """Predict by the wheels' rotation, or by extrapolation without it; return the tick with the gates'
         decisions."""
         angle = tick.rotation_rad[self._order]
         left, right = angle[:2].tolist()
         if not (math.isfinite(left) and math.isfinite(right)):
-            self._dead_reckon(tick.dt_s)
+            self._extrapolate(tick.dt_s)
             return self._make_gated_tick(tick, False)
-        self._coasting_s = 0.0
+        self._extrapolated_s = 0.0
         travel, turn = self._car.virtual_motion(left, right)
         self._reverse.update_speed(travel / tick.dt_s, tick.dt_s)
         if self._reverse.backward:
@@ -171,12 +172,12 @@ class RadiusFilter:
         """Set the last speed and yaw rates to 0."""
         self._speed = self._yaw_rate = self._steady_yaw_rate = 0.0
 
-    def _dead_reckon(self, dt_s: float) -> None:
+    def _extrapolate(self, dt_s: float) -> None:
         """Predict by the last speed and yaw rate, for rear rotation is missing; give the pose up after a
         while."""
-        self._coasting_s += dt_s
-        if self._coasting_s <= SETTINGS.coast_limit_s:
-            self.belief.predict(DeadReckoning(dt_s, self._speed, self._steady_yaw_rate))
+        self._extrapolated_s += dt_s
+        if self._extrapolated_s <= SETTINGS.extrapolation_limit_s:
+            self.belief.predict(Extrapolation(dt_s, self._speed, self._steady_yaw_rate))
             return
         if self._located:
             self._lose_pose()
@@ -191,7 +192,7 @@ class RadiusFilter:
         by_position = self._received.position
         measurement = FixMeasurement(fix, tick, self._speed, self._yaw_rate, interval_s, by_position)
         if not self._located:
-            if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again
+            if self._extrapolated_s == 0.0:  # else a pose is of no use before the wheels turn again
                 self._try_to_start_pose(measurement, self._speed > SETTINGS.start_speed_mps)
             return
         if self._reverse.undecided:

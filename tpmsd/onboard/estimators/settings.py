@@ -16,16 +16,17 @@ class EstimatorSettings:
 
     # -- finding, carrying on and losing the pose (`radius_filter`, `pose_start`) --
 
-    coast_limit_s: float = 3.0
+    extrapolation_limit_s: float = 3.0
     """Without rear rotation the pose is carried on for this long; a bend begins and ends within it."""
     steady_s: float = 0.5
     """Smoothing of the yaw rate that the pose is carried on with, s. At 10 Hz one count of 48 is 0.3 rad/s:
     that of a single tick, held for half a second, would turn the car by 0.15 rad."""
-    coast_yaw_std: float = 0.1
-    """Heading noise while coasting, rad per sqrt(s): a bend that begins or ends, what smoothing leaves."""
-    coast_speed_std_mps: float = 1.0
-    """Speed noise while coasting, m/s: gentle braking over a second."""
-    coast_speed_share: float = 0.1
+    extrapolation_yaw_std: float = 0.1
+    """Heading noise of the extrapolation, rad per sqrt(s): a bend that begins or ends, what smoothing
+    leaves."""
+    extrapolation_speed_std_mps: float = 1.0
+    """Speed noise of the extrapolation, m/s: gentle braking over a second."""
+    extrapolation_speed_share: float = 0.1
     """Fraction of the speed."""
     moving_mps: float = 0.5
     """Below this a fix is no measurement: at a standstill correlated fixes would only sharpen a wrong
@@ -92,7 +93,7 @@ class EstimatorSettings:
     """The slow error may be so many times the stated one: makers state theirs differently, as of
     `speed_accuracy.TOLERATED`."""
     slide_stds: float = 3.0
-    """The receiver is believed up to a difference of so many standard deviations."""
+    """The receiver is trusted up to a difference of so many standard deviations."""
     slide_slowest_mps: float = 3.0
     """Below, noise of positions lengthens the way between them, as of `PathLengthSettings`."""
 
@@ -319,7 +320,7 @@ class AgreementSettings:
     speed_noise_mps: float = 0.35
     """Doppler 0.1 m/s, counts over half a second 0.1 m/s: three standard deviations."""
     speed_share: float = 0.01
-    """Fraction of the speed: what all four radii may do beyond what is believed of them."""
+    """Fraction of the speed: by how much all four radii may differ from their estimates."""
     lag_s: float = 0.6
     """Time by which a receiver's speed may be late, of the present acceleration."""
     smoothing_s: float = 0.5
@@ -342,7 +343,7 @@ class AgreementSettings:
     fault_bins: int = 4
     """... and how many of them."""
     steady_s: float = 15.0
-    """So long without a fault, and they are believed again."""
+    """So long without a fault, and they are trusted again."""
 
 
 AGREEMENT = AgreementSettings()

@@ -32,7 +32,7 @@ class DriveModel:
     slip_std: float = 0.0
     """Slip of the driven axle, all drive long; of two each takes half of the force."""
     axle_scatter: float = 0.0
-    """Slip of the driven axles that comes and goes between samples, and shows on either axle, ..."""
+    """Slip of the driven axles that fluctuates between samples, and shows on either axle, ..."""
     own_scatter: float = 0.0
     """... and of each wheel."""
     event_share: float = 0.0

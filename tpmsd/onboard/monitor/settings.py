@@ -21,7 +21,7 @@ class ConditionSettings:
     """Settings of the driving conditions that radii depend on."""
 
     memory_s: tuple[float, float] = (4.0, 40.0)
-    """Shortest and longest memory of an estimate that is believed."""
+    """Shortest and longest memory of an estimate that is used."""
     standstill_mps: float = 0.5
     """Below, the car stands."""
     parked_s: float = 90.0
@@ -65,7 +65,7 @@ class ReferenceSettings:
     show.
     """
     drift_time_constant_s: float = 900.0
-    """Time constant of what comes and goes within a drive."""
+    """Time constant of fluctuations within a drive."""
     far_stds: float = 10.0
     """Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
     wider: float = 1.5
@@ -131,9 +131,9 @@ class JudgeSettings:
     driven so [NHTSA 2001].
     """
     prior_larger: float = 1e-4
-    """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told,
+    """Prior probability of each wheel that it is larger than was learned: a new tyre without a reset,
     as rare as three tyres that lose air at once.
-    Of a pair alone nothing tells which wheel has changed: there it is the one that lost."""
+    Of a pair alone the data do not identify the wheel that has changed: there it is the one that lost."""
     prior_resized: float = 1e-3
     """Prior probability of each axle and all wheels that they are larger than was learned, and of wheels that
     were changed front to rear: chains, other tyres, a receiver that scales; a few drives in a thousand

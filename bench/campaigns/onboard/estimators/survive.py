@@ -31,7 +31,7 @@ OUTAGES = 2
 RESETS = 3
 PAUSES = 1
 PAUSE_S = 5.0
-"""Longer than a filter coasts."""
+"""Longer than a filter extrapolates the motion without wheels."""
 OFFSETS_M = (0.9e-3, 0.4e-3, 0.7e-3 + UNBALANCED_M, 0.7e-3)
 GROWN = 1.02
 """A state that is larger than this many times its largest size in the first half has grown."""

@@ -48,7 +48,7 @@ from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypot
 from tpmsd.onboard.estimators.bank.kernel import KERNEL, BankKernel
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusStatement
 from tpmsd.onboard.estimators.belief import (
-    DeadReckoning,
+    Extrapolation,
     FilterCar,
     FixMeasurement,
     GatedTick,
@@ -116,8 +116,8 @@ class MixtureBelief:
             self._informative = movement.gated.informative
             return self._predict_rolling(movement)
         self._informative = False
-        if isinstance(movement, DeadReckoning):
-            return self._predict_dead_reckoning(movement)
+        if isinstance(movement, Extrapolation):
+            return self._predict_extrapolation(movement)
         return 0.0, 0.0
 
     def _predict_rolling(self, rolling: RolledTick) -> tuple[float, float]:
@@ -147,18 +147,20 @@ class MixtureBelief:
         self._slow_yaw_rate += slow * (turn / tick.dt_s - self._slow_yaw_rate)
         return travel, turn
 
-    def _predict_dead_reckoning(self, coasting: DeadReckoning) -> tuple[float, float]:
+    def _predict_extrapolation(self, last: Extrapolation) -> tuple[float, float]:
         """Propagate by the last speed and yaw rate; return the distance (m) and turn (rad)."""
         self._blocks.reset()
-        dt_s, mean, covariance = coasting.dt_s, self.bank.mean, self.bank.covariance
-        travel, turn = coasting.speed_mps * dt_s, coasting.yaw_rate_radps * dt_s
+        dt_s, mean, covariance = last.dt_s, self.bank.mean, self.bank.covariance
+        travel, turn = last.speed_mps * dt_s, last.yaw_rate_radps * dt_s
         mean[:, E] += travel * np.cos(mean[:, PSI])
         mean[:, N] += travel * np.sin(mean[:, PSI])
         mean[:, PSI] += turn
-        own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (travel * SETTINGS.coast_speed_share) ** 2
+        own = (SETTINGS.extrapolation_speed_std_mps * dt_s) ** 2 + (
+            travel * SETTINGS.extrapolation_speed_share
+        ) ** 2
         covariance[:, E, E] += own
         covariance[:, N, N] += own
-        covariance[:, PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
+        covariance[:, PSI, PSI] += SETTINGS.extrapolation_yaw_std**2 * dt_s
         return travel, turn
 
     # -- fixes ----------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Check whether wheels and receiver report the same drive; where they do not, no tyre may be judged by them.
 
-In: ticks, and the radii that were believed some time ago. Out: `Agreement`: whether fixes are withheld from
+In: ticks, and the radii estimated some time ago. Out: `Agreement`: whether fixes are withheld from
 the estimator, and whether anything may be judged. A receiver that replays another drive, wheels of another
 car's DBC, a ferry, stamps that jump: each would be reported as radii that changed.
 
@@ -37,7 +37,7 @@ class Agreement:
     unsteady: bool
     """The wheels' readings are faulty again and again."""
     began: bool
-    """One of them has just begun: what was estimated in the last seconds is not to be believed."""
+    """One of them has just begun: what was estimated in the last seconds is not to be trusted."""
     recovering: bool = False
     """Wheels and receiver agree again, and not yet for so long that the fixes are given."""
 

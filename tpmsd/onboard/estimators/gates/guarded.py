@@ -1,4 +1,4 @@
-"""An estimator that is never handed what cannot be believed, and never hands on what is no estimate.
+"""An estimator that is given plausible inputs alone, and that returns finite estimates alone.
 
 In: ticks. Out: for each the tick (with a fault where the estimate broke down), the estimate and the
 `Agreement` of wheels and receiver. Where they disagree the fixes are withheld, and the estimator goes back to

@@ -1,8 +1,8 @@
 """Check whether the yaw-rate signal is a yaw rate in the right unit and sign.
 
-In: the signal and the yaw rate that the filter believes, which is the wheels' by its radii and load transfer.
-Out: trusted or not. A DBC that states deg/s for rad/s, a sensor mounted upside down or one that is frozen
-would otherwise bend every radius difference.
+In: the signal and the yaw rate that the filter estimates, which is the wheels' by its radii and load
+transfer. Out: trusted or not. A DBC that states deg/s for rad/s, a sensor mounted upside down or one that is
+frozen would otherwise bend every radius difference.
 
 Running regression of that yaw rate on the signal, with an intercept for the bias, over the last minutes of
 driving: trusted is a slope near one, after enough bends to tell. That way round, because the counters'

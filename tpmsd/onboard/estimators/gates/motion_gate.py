@@ -91,7 +91,7 @@ class MotionGate:
     def check_gyro(self, tick: Tick, yaw_rate_radps: float) -> None:
         """Compare the bus's yaw rate with one that was smoothed over `SETTINGS.gate_smoothing_s`.
 
-        That is the one that the filter believes, not the wheels' by nominal radii: in bends the outer wheels
+        That is the one that the filter estimates, not the wheels' by nominal radii: in bends the outer wheels
         carry more (`load_transfer_lateral`), and at 30 m/s they show 1.4 times the turn of a usual car.
         """
         if self.speed_mps >= self._settings.min_speed_mps:  # false for NaN

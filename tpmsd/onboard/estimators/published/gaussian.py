@@ -24,7 +24,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
-    DeadReckoning,
+    Extrapolation,
     FilterCar,
     FixMeasurement,
     GatedTick,
@@ -173,15 +173,17 @@ class GaussianBelief:
         if isinstance(movement, RolledTick):
             return self._predict_rolling(movement)
         self._last = (0.0, 0.0)
-        if isinstance(movement, DeadReckoning):
+        if isinstance(movement, Extrapolation):
             dt_s, mean, covariance = movement.dt_s, self.mean, self.covariance
             travel, turn = self._last = (movement.speed_mps * dt_s, movement.yaw_rate_radps * dt_s)
             mean[E] += travel * math.cos(mean[PSI])
             mean[N] += travel * math.sin(mean[PSI])
             mean[PSI] += turn
-            own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (travel * SETTINGS.coast_speed_share) ** 2
+            own = (SETTINGS.extrapolation_speed_std_mps * dt_s) ** 2 + (
+                travel * SETTINGS.extrapolation_speed_share
+            ) ** 2
             covariance[[E, N], [E, N]] += own
-            covariance[PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
+            covariance[PSI, PSI] += SETTINGS.extrapolation_yaw_std**2 * dt_s
         return self._last
 
     def _predict_rolling(self, rolling: RolledTick) -> tuple[float, float]:

@@ -21,7 +21,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
-    DeadReckoning,
+    Extrapolation,
     FilterCar,
     FixMeasurement,
     GatedTick,
@@ -102,10 +102,12 @@ class SampledBelief:
                 particles.multiply(log)
             return move_poses(particles, travel, turn, pieces.heading_after)
         particles.motion = None
-        if isinstance(movement, DeadReckoning):
+        if isinstance(movement, Extrapolation):
             dt_s = movement.dt_s
-            speeds = movement.speed_mps + SETTINGS.coast_speed_std_mps * rng.standard_normal(particles.count)
-            swing = SETTINGS.coast_yaw_std * math.sqrt(dt_s) * rng.standard_normal(particles.count)
+            speeds = movement.speed_mps + SETTINGS.extrapolation_speed_std_mps * rng.standard_normal(
+                particles.count
+            )
+            swing = SETTINGS.extrapolation_yaw_std * math.sqrt(dt_s) * rng.standard_normal(particles.count)
             return move_poses(particles, dt_s * speeds, dt_s * movement.yaw_rate_radps + swing)
         particles.moved[:] = 0.0
         return 0.0, 0.0

@@ -337,7 +337,7 @@ class Judge:
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
-        load for a while: so they are believed of the drive as a whole, or of the mean over minutes where the
+        load for a while: so they are judged by the drive as a whole, or by the mean over minutes where the
         car is not known yet. Of an axle and of all a deviation is not asked of minutes beside the drive.
         """
         every = self._apart + self._together
@@ -355,7 +355,7 @@ class Judge:
     def _drive_loss_fraction(self, models: dict[str, float]) -> FloatArray:
         """Return the (s, d) fraction of the drive's evidence for each of `subsets` that is not slip.
 
-        Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
+        Where grip fluctuates, axles and the level of all wheels do far more than the models have; on any
         slippery road what driven axles do is slip. One that stands out beside the other wheel of its axle
         over many samples still tells.
         """

@@ -481,7 +481,7 @@ static double log_add(double one, double other)
 enum { MOST_WINDOWS = 3, OF_WINDOW = 7, MOST_SUBSETS = 15 };
 static const double LEAST_CHANCE = 1e-300, LEAST_REST = 1e-12;
 
-/* One window of onsets: its table, what is believed of it, and what follows from both. */
+/* One window of onsets: its table, its probabilities, and what follows from both. */
 struct window {
     const double *none, *larger, *lost, *large, *believed, *believed_off, *off;
     Py_ssize_t rows;

@@ -124,7 +124,7 @@ def _smaller_than_other(x: FloatArray, wheels: list[int]) -> FloatArray:
     that."""
     out = np.zeros(len(wheels))
     for k, wheel in enumerate(wheels):
-        other = wheel ^ 1  # fl fr rl rr: the fellow is the neighbour
+        other = wheel ^ 1  # fl fr rl rr: the other wheel of the axle
         if other in wheels:
             out[k] = x[wheels.index(other)] - x[k]
     return out

@@ -6,7 +6,7 @@ change: its covariance under each model, and the log weight of each if no tyre h
 
 A drive that has shown low grip or loose ground is slippery for whoever looks: what an estimate of a few
 seconds, or a mean over minutes, may be off by is what the drive's samples were off by. The slip of a driven
-axle lasts, so no mean averages it out; what comes and goes between samples falls with their number.
+axle lasts, so no mean averages it out; what fluctuates between samples falls with their number.
 """
 
 from __future__ import annotations

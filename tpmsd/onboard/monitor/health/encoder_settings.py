@@ -27,7 +27,7 @@ class EncoderSettings:
     kept: int = 10
     """Blocks that speak: the last ten minutes above `from_hz`."""
     min_blocks: int = 3
-    """From so many on they are believed: in one the other wheel's ripple may lie at any share."""
+    """From so many on they are trusted: in one the other wheel's ripple may lie at any share."""
     min_stds: float = 3.0
     """Standard deviations of the `ring_error` of both wheels from which one has fewer counts than the other.
     """

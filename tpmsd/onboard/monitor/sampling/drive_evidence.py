@@ -207,7 +207,7 @@ class _Banks:
             ChangeBank(reference.widened(model), reference.scatter_covariance(model)[index])
             for model in DRIVE_EVIDENCE.models
         ]
-        # Neighbouring samples of what comes and goes are alike: each counts for less.
+        # Neighbouring samples of a fluctuation are similar: each counts for less.
         similar = math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s)
         quick = Nuisance(0.0, 0.0, JUDGE.nuisance.side, JUDGE.nuisance.own)
         self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + similar) / (1.0 - similar)

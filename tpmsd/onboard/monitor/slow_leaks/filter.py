@@ -59,7 +59,7 @@ class LeakHypotheses:
     wheel: IntArray
     """(n,) the tyre that leaks, or `NO_WHEEL`"""
     drift: FloatArray
-    """(n, 3) standard deviation of what comes and goes in each contrast within days, per cent"""
+    """(n, 3) standard deviation of fluctuations of each contrast over days, per cent"""
     noise: FloatArray
     """(n, 2) learned sums of squares (`slow_leaks.noise`)"""
     onset_d: FloatArray

@@ -61,7 +61,7 @@ class TrendSettings:
     base_walk: float = 0.035
     """Random walk of one tyre's own radius per square root of a day: 0.3 % in a quarter."""
     drift_stds: tuple[tuple[float, float, float], ...] = ((0.3, 0.3, 0.6), (1.2, 1.2, 1.2))
-    """Standard deviations of what comes and goes within weeks in each contrast (tyres answer to warmth
+    """Standard deviations of fluctuations of each contrast over weeks (tyres answer to warmth
     unequally, by a tenth; radius drift of 0.03 mm): white noise of so many days would be a trend."""
     drift_d: float = 10.0
     """Its time constant: a spell of weather lasts 4 days, radius drift up to a month."""

@@ -5,7 +5,7 @@ In: settings, Gaussians, days. Out: Gaussians. Per cent of pressure; rates in pe
     base   own radius of each tyre; walks, and is another one when wheels are changed
     lost   what each tyre has lost since air was put in; lost += rate * days / 7
     rate   of each tyre: diffusion, and the leak
-    drift  what comes and goes within days in each contrast: warmth, load, slip of the driven axle
+    drift  fluctuations of each contrast over days: warmth, load, slip of the driven axle
     wear   what the front axle's treads lose more than the rear axle's; no refill puts it back
 
 A reading shows, of each contrast, base - lost + drift.

@@ -135,7 +135,7 @@ def _days_until_low(
     scale = np.exp(settings.softness_std * fourth)
     rates = scale * (leak.rate[:, None] + std[:, None] * first)
     lost = scale * (leak.lost[:, None] + shared[:, None] * first + rest[:, None] * second)
-    # The fellow loses air, too.
+    # The other tyre of the axle loses air, too.
     diffused = settings.diffusion[0] + settings.diffusion[1] * third
     lost = lost + diffused * (day - leak.onset_d[:, None]) / WEEK_D
     left = np.maximum(settings.low_percent - lost, 0.0)
