@@ -133,7 +133,8 @@ def test_the_sentence_says_over_what_how_much_and_what_is_missing() -> None:
 
     assert (
         "Wheel slip by the tyre model of a typical car, over accel_long, would gain 30 nats beyond this"
-        " (250 alone, both in sample); without accel_long on the bus it is told by the wheels' own motion."
+        " (250 alone, both in sample);"
+        " without accel_long on the bus it is estimated from the wheels' own motion."
     ) == explanatory_sentence(slip)
     assert "" == explanatory_sentence(replace(slip, beyond=9.0))
 

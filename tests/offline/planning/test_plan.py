@@ -1,4 +1,4 @@
-"""Plans: what to drive so that effects can be told apart."""
+"""Plans: what to drive so that effects can be distinguished."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixtur
     assert 0 == main(["plan", "wear"])
 
     text = capsys.readouterr().out
-    assert "No drive of these manoeuvres tells it." in text
+    assert "No drive of these manoeuvres identifies it." in text
     assert "hold" not in text
-    assert "what tells it: compare the radii of drives that lie thousands of kilometres apart" in text
+    assert "what identifies it: compare the radii of drives that lie thousands of kilometres apart" in text
 
 
 def test_nothing_is_driven_for_what_cannot_be_detected_and_what_repeats_is_one_line() -> None:
@@ -138,8 +138,8 @@ def test_a_file_that_is_no_route_is_refused_in_one_line(
 def test_what_manoeuvres_do_not_tell_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """An event, a calibration constant and a name that there is not are one line each."""
     for name, reason in (
-        ("wheel_spin", "is not told by manoeuvres"),
-        ("radius_constant", "is not told by manoeuvres"),
+        ("wheel_spin", "is not identified by manoeuvres"),
+        ("radius_constant", "is not identified by manoeuvres"),
         ("load_transfer_latral", "did you mean 'load_transfer_lateral'?"),
     ):
         assert 2 == main(["plan", name])

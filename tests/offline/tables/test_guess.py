@@ -102,11 +102,12 @@ def test_units_signs_and_measures_are_identified_by_the_values(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("name", "unit", "doubt"),
     [
-        ("GyroZ_dps", "deg/s", "GyroZ_dps: sign not told, for the course turns too little"),
+        ("GyroZ_dps", "deg/s", "GyroZ_dps: sign not determined, for the course turns too little"),
         (
             "GyroZ",
             None,
-            "GyroZ: unit and sign not told, for the course turns too little; without a unit it is rad/s",
+            "GyroZ: unit and sign not determined, for the course turns too little;"
+            " without a unit it is rad/s",
         ),
     ],
 )

@@ -75,7 +75,7 @@ def make_vehicle(
     """Return the vehicle's record; None if something was reported.
 
     `good` are the values that passed their rules, `given` the keys that are there at all, `wheels` those that
-    have a signal and `steered` tells that the steering wheel's angle has one.
+    have a signal and `steered` says that the steering wheel's angle has one.
     """
     radii = _wheel_radii(raw, given, wheels, report)
     values = {key: value for key, value in good.items() if key != "wheel_radius_m"}

@@ -24,7 +24,7 @@ OPTIONAL_ROLES = (
     "ambient_temp",
 )
 FLAG_ROLES = ("abs_active", "esc_active", "brake_active", "reverse_gear", "tyre_set")
-"""States of the car that the bus tells; plain numbers, no unit."""
+"""States of the car that the bus states; plain numbers, no unit."""
 GNSS_ROLES = (
     "gnss_latitude",
     "gnss_longitude",

@@ -29,7 +29,7 @@ _LOST = {
     "steering_wheel_angle": "at walking pace the heading rests on the wheels' coarse counts",
     "brake_pressure": "braking shows only as deceleration",
     "drive_torque": "slip under drive force is judged by the acceleration alone",
-    "ambient_temp": "warm-up of the tyres cannot be told from the weather",
+    "ambient_temp": "warm-up of the tyres cannot be distinguished from the weather",
 }
 
 _LOST_BY_SLIP_GATE = {
@@ -58,7 +58,7 @@ class SignalPosition:
 
 @dataclass(frozen=True, slots=True)
 class WheelPlan:
-    """One wheel and the signal that tells its rotation."""
+    """One wheel and the signal of its rotation."""
 
     wheel: str
     radius_m: float

@@ -26,11 +26,11 @@ COVARIATES: dict[str, str] = {
 }
 """Name and unit. `accel_long` is the specific force, `steering` the angle of the steering wheel."""
 ROLES: dict[str, str] = {"temperature": "ambient_temp", "torque": "drive_torque"}
-"""Covariates that motion does not tell, and the bus signal that does."""
+"""Covariates that the motion does not determine, and the bus signal that states each."""
 
 
 def covariate(motion: Motion, car: Car, name: str) -> FloatArray:
-    """(n,) values of a covariate; NaN where neither the motion nor a measurement tells them.
+    """(n,) values of a covariate; NaN where neither the motion nor a measurement determines them.
 
     What was measured (`Motion.measured`) stands before what follows from the motion: the steering wheel's
     angle is else that of a car that does not slip sideways.

@@ -48,7 +48,7 @@ class DriveSlip(Effect):
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the note on a slip that is none of a tyre (`AS_OF_FRAMES_S2PM`); empty beyond it.
 
-        How far the load transfer moves a slip is in `std`, and tells nothing of where this one comes from.
+        How far the load transfer moves a slip is in `std`, and says nothing of where this one comes from.
         """
         if abs(value) > AS_OF_FRAMES_S2PM:
             return ""

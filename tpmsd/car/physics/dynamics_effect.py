@@ -44,7 +44,7 @@ class DynamicsEffect:
     """The words for it."""
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
     channel: ClassVar[str] = "yaw_rate"
-    """The output in which it shows most, where the drive does not tell."""
+    """The output in which it shows most, where the drive does not show it."""
     covariate: ClassVar[str | None] = None
     """The variable that it depends on; None: time."""
     grid: ClassVar[tuple[Mapping[str, float], ...]] = ()

@@ -33,7 +33,7 @@ RADIUS_SHARE = 0.39
 """H: the share of a change of deflection that shows in the effective rolling radius."""
 DEFAULT_LOAD_N, DEFAULT_PRESSURE_PA = 4000.0, 220e3
 UNKNOWN_TYRE_STD, KNOWN_TYRE_STD, MEASURED_STD = 0.25, 0.15, 0.10
-"""Relative uncertainty of a pressure told from a radius: make and load of an unknown tyre change it by a
+"""Relative uncertainty of a pressure estimated from a radius: make and load of an unknown tyre change it by a
 factor of up to two; of a tyre of known size; of one whose curve was measured."""
 _KGF_PER_MM = 9806.65
 """N/m."""
@@ -79,7 +79,7 @@ class TyreModel:
     curve: tuple[tuple[float, float], ...] = ()
     """Measured pairs (share of the pressure lost, loss of radius in m), both rising from above zero."""
     model_std: float = UNKNOWN_TYRE_STD
-    """Relative standard deviation of a pressure told from a radius, by the model alone."""
+    """Relative standard deviation of a pressure estimated from a radius, by the model alone."""
 
     def radius_change_m(self, fraction: float) -> float:
         """Change of radius when `fraction` of the pressure is lost; ConfigError outside [-0.5, 1]."""

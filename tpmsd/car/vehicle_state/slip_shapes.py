@@ -1,4 +1,4 @@
-"""Slips of a car's wheels as functions of its motion: shapes whose values a drive can tell.
+"""Slips of a car's wheels as functions of its motion: shapes whose values a drive can determine.
 
 In: a `Motion` and the `Car`. Out: per axle the slip of its wheels under drive and under brakes, and the slips
 of a typical car. Closed forms over the whole drive, no filter. What is left to be fitted is how stiff the

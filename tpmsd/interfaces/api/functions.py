@@ -49,7 +49,7 @@ def replay(
 
     `model`: effects beyond rolling (or their file) that are compensated, those of `[filter] model` unless
     given; what of them cannot be compensated is in the notes. `seed` and `method` take the place of the
-    configured ones; `table`: keep a row per tick (0.6 kB each); `progress` is told the seconds of drive that
+    configured ones; `table`: keep a row per tick (0.6 kB each); `progress` gets the seconds of drive that
     are done.
 
     InputError if nothing usable is in the drive; ConfigError on wrong arguments.
@@ -86,7 +86,7 @@ def diagnose(
     """Say which physics the drives of one car hold that the rolling model (or your `simulation`) lacks.
 
     `model`: known effects (or their file) that belong to the baseline, else those of `[filter] model`.
-    Findings get p-values from at most `certify` replicates of the drives; 0 skips that. `progress` is told
+    Findings get p-values from at most `certify` replicates of the drives; 0 skips that. `progress` gets
     the share that is done. ConfigError where the drives are of different cars, or the simulation of another
     road; InputError where nothing usable is in a drive.
     """
@@ -118,7 +118,7 @@ def calibrate(
 ) -> Calibration:
     """Learn the radii and tracks of a car from its drives.
 
-    `method`: joint or paper; `progress` is told the share that is done. InputError where a calibration cannot
+    `method`: joint or paper; `progress` gets the share that is done. InputError where a calibration cannot
     be had from a drive (it says why); ConfigError on an unknown method, or drives of different cars.
     """
     from tpmsd.offline.calibration.calibrate import METHODS

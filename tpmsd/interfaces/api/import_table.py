@@ -25,7 +25,7 @@ def load_table(table: str | Path, map_file: str | Path | None = None, note: Note
 
     Without a map the columns' names tell role and unit, as those of the tick table do; Parquet files of
     `tpmsd replay --parquet` bring the car, too. Wheels and signals of which no row has a value are left out,
-    which `note` is told. ConfigProblems with every line of the map that is
+    which `note` gets. ConfigProblems with every line of the map that is
     wrong or does not fit; InputError where the table cannot be used.
     """
     path = Path(table)

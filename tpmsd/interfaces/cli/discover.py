@@ -1,4 +1,4 @@
-"""`tpmsd discover DRIVE`: which signals of an unknown car are its wheels, and what else the drive tells.
+"""`tpmsd discover DRIVE`: which signals of an unknown car are its wheels, and what else the drive shows.
 
 In: a drive, a DBC where there is one. Out: a summary or JSON, and, on request, a vehicle.toml (and a DBC).
 Exit code 4 where a wheel is undecided.
@@ -192,7 +192,7 @@ def summary(found: BusDiscovery) -> list[str]:
         lines.append(f"  counts per revolution {counts.value:g} +- {counts.std:.2g} ({by})")
     axle = found.driven_axle
     if axle is not None:
-        tends = f"not told ({axle[0]} {axle[1]:.2f})"
+        tends = f"not identified ({axle[0]} {axle[1]:.2f})"
         lines.append(
             f"  driven axle {f'{axle[0]} ({axle[1]:.2f})' if axle[1] >= SETTINGS.decided else tends}"
         )

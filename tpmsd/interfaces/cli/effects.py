@@ -1,4 +1,4 @@
-"""`tpmsd effects [NAME]`: the catalogue of effects, and what a drive can tell of it.
+"""`tpmsd effects [NAME]`: the catalogue of effects, and what a drive can identify.
 
 In: an effect's name, a drive folder. Out: a summary, JSON, or the page of the docs.
 """

@@ -67,7 +67,7 @@ COMMANDS: Commands = (
         "tpmsd.interfaces.cli.effects",
         "list the effects that are known, and what a drive tells of them",
     ),
-    ("plan", "tpmsd.interfaces.cli.plan", "propose what to drive so that effects can be told apart"),
+    ("plan", "tpmsd.interfaces.cli.plan", "propose what to drive so that effects can be distinguished"),
     (
         "fleet",
         "tpmsd.interfaces.cli.fleet",

@@ -1,7 +1,7 @@
-"""`tpmsd plan EFFECT...`: the shortest list of manoeuvres that tells effects apart.
+"""`tpmsd plan EFFECT...`: the shortest list of manoeuvres that distinguishes effects.
 
-In: names of effects, a car. Out: manoeuvres with what they are to tell, and a route that `tpmsd simulate`
-drives; progress on standard error.
+In: names of effects, a car. Out: manoeuvres with the gain expected of each effect, and a route that `tpmsd
+simulate` drives; progress on standard error.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add `plan` to the command line."""
     parser = subparsers.add_parser(
         "plan",
-        help="propose what to drive so that effects can be told apart",
+        help="propose what to drive so that effects can be distinguished",
         description=_DESCRIPTION,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -137,12 +137,12 @@ def summary(plan: Plan) -> str:
             for number, (name, times) in enumerate(groups, 1)
         ]
     else:
-        lines = ["No drive of these manoeuvres tells it."]
-    lines.append("What it is to tell, at the usual size of each effect beside the others (nats):")
+        lines = ["No drive of these manoeuvres identifies it."]
+    lines.append("Expected log-likelihood gain of each effect at its usual size beside the others (nats):")
     for name, gain in plan.gains.items():
-        lines.append(f"  {name:28} {gain:8.1f}" + ("" if gain >= TARGET else "  cannot be told so"))
+        lines.append(f"  {name:28} {gain:8.1f}" + ("" if gain >= TARGET else "  not identifiable so"))
         if gain < TARGET and EFFECTS[name].wording.distinguished_by:
-            lines.append(f"      what tells it: {EFFECTS[name].wording.distinguished_by}")
+            lines.append(f"      what identifies it: {EFFECTS[name].wording.distinguished_by}")
     return "\n".join(lines)
 
 
@@ -155,7 +155,9 @@ def _checked_effects(names: list[str]) -> list[str]:
         parameters_of(name)  # says what is wrong with the name
         if name not in looked_for or EFFECTS[name].identification.always_fitted:
             drive = EFFECTS[name].wording.distinguished_by or "none is needed"
-            raise ConfigError(f"{name} is not told by manoeuvres beside others; what tells it: {drive}")
+            raise ConfigError(
+                f"{name} is not identified by manoeuvres beside others; what identifies it: {drive}"
+            )
     return list(dict.fromkeys(names))
 
 

@@ -1,7 +1,7 @@
 """The diagnosis of a recorded drive for the page: made once, when asked for, by a process of its own.
 
 In: a drive folder, a model. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how
-far it is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER [MODEL]`: it writes its
+far it is. The process is started by `python -m tpmsd.interfaces.web.diagnosis FOLDER [MODEL]`: it writes its
 progress to standard error and the page to standard output.
 """
 

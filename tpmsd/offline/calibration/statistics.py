@@ -22,7 +22,7 @@ REFERENCE_SPEED_MPS = 20.0
 """The radii of all drives are stated at this speed, about the mean of mixed driving; each drive's own speed
 would mix growth into them."""
 INFORMATIVE = 1e-3
-"""A direction of which the data tell less than this share of the prior's information tells nothing: the
+"""A direction of which the data hold less than this share of the prior's information is undetermined: the
 difference of two inverse matrices does not hold more digits."""
 
 

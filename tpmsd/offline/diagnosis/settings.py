@@ -178,14 +178,14 @@ class RefinementSettings:
 
 @dataclass(frozen=True, slots=True)
 class AssessmentSettings:
-    """Settings of what a drive tells, what was reached, and the comparison with a simulation."""
+    """Settings of what a drive identifies, what was reached, and the comparison with a simulation."""
 
     confounded_cosine: float = 0.9
     """Cosine of the angle between two sensitivities: of what the one gains, four fifths are then gained by
     the other.
     """
     identifiable_nats: float = 10.0
-    """At the usual size, from which a drive tells an effect: its penalty, and odds of a thousand."""
+    """At the usual size, from which a drive identifies an effect: its penalty, and odds of a thousand."""
     power_stds: float = 1.645
     """Standard deviations of a value that make it seen in 19 of 20 drives: the normal's 95 % quantile."""
     size_rounds: int = 5
@@ -213,10 +213,10 @@ class AssessmentSettings:
     seconds: int = 9
     """Value for a second one."""
     simulation_floor: float = 0.5
-    """A simulation's noise is no less than this share of the recording's: a difference cannot be told
-    better than the recording tells it."""
+    """A simulation's noise is no less than this share of the recording's: a difference cannot be known
+    better than the recording determines it."""
     simulation_silent: float = 0.01
-    """A simulation that tells this share of what the recording tells about a value, or less, holds none of
+    """A simulation with this share of the recording's information on a value, or less, holds none of
     it."""
     simulation_rounds: int = 6
     """Rounds of adding and removing the simulation's own effects."""
@@ -238,7 +238,7 @@ class RobustnessSettings:
     clear_of_drift_nats: float = 3000.0
     """Value for a wheel that changes against the others, and the drift of radii."""
     confident_from: float = 0.95
-    """Confidence below which an effect is not told from what instruments usually make."""
+    """Confidence below which an effect is not distinguished from what instruments usually make."""
     drifts_from: float = 1e-4
     """Relative standard deviation of the radii's drift that is more than usual: five times that."""
     drift_unsure: float = 1.5
@@ -292,9 +292,9 @@ class SensorSettings:
     clock_step_s: float = 0.2
     """Between neighbouring fixes, from which the clock was set: that is a fault of its own."""
     block_s: float = 30.0
-    """Slopes, gusts and drivers make residuals that last for seconds: blocks tell the scatter."""
+    """Slopes, gusts and drivers make residuals that last for seconds: blocks show the scatter."""
     fewest_blocks: int = 8
-    """With fewer, the scatter between blocks tells too little."""
+    """With fewer, the scatter between blocks is known too badly."""
     model_error: float = 0.02
     """Relative standard deviation of any value: the motion that it multiplies is no better known."""
     min_share: float = 1e-3

@@ -210,5 +210,5 @@ def _car_settings_and_radii(
         else:
             radii = np.full(4, np.nan if radius is None else float(radius))
     except (TypeError, ValueError):
-        radii = np.full(4, np.nan)  # what is wrong with it is told with the rest of the configuration
+        radii = np.full(4, np.nan)  # what is wrong with it is reported with the rest of the configuration
     return {"vehicle": dict(vehicle)}, np.where(np.isfinite(radii) & (radii > 0.0), radii, 0.3)

@@ -43,7 +43,7 @@ def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
         folder = _checked_folder(paths[0])
         nmea = find_nmea_log(folder)
         if nmea is None:
-            raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be told")
+            raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be identified")
         return find_can_log(folder), nmea
     if len(paths) != 2:
         raise ConfigError(f"{_WANTED}, not {len(paths)} paths")

@@ -114,7 +114,8 @@ class DynamicsSettings:
     """Log odds of the only effect found against the best term without a name, in a part of the blocks, beyond
     which no selection begins with the latter: odds of four hundred."""
     time_knot_s: float = 12.0
-    """Between knots of a spline over time: shorter than a bend of a road takes is told by its forces."""
+    """Between knots of a spline over time: shorter than a bend of a road takes is determined by its
+    forces."""
     bank_std_rad: float = 0.03
     """Slopes across the road: crowns of 2.5 %, superelevation of 4 to 8 % (AASHTO 2018, ch. 3)."""
     grade_std_rad: float = 0.04

@@ -52,8 +52,8 @@ class FleetSettings:
     spread_drives: int = 3_000
     """Drives (whole cars, evenly chosen) from which the spreads are estimated, to some per cent."""
     ridge: float = 1e-8
-    """Information, in scaled units, that everything has: what no drive tells gets a standard deviation of
-    10,000 scales instead of a singular matrix."""
+    """Information, in scaled units, that everything has: what no drive determines gets a standard deviation
+    of 10,000 scales instead of a singular matrix."""
     first_scales: float = 0.3
     """First standard deviations of cars and drives, in scales."""
     models_at_once: int = 2

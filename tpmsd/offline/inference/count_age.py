@@ -7,11 +7,11 @@ stamp, in a rhythm that beats against the frames. A common age a(t) makes the di
 shorter at once, which at 25 m/s is half a metre: far more than the counts resolve. It acts as a white error
 of the stamps.
 
-Its size is told by third differences of the distance D that the wheels have rolled in the mean. Those of a
-car that moves with jerk j are j * dt^3, a millimetre in 0.1 s; an error of standard deviation s of each D
-makes sqrt(20) * s. What is beyond the counts' own resolution and grows with speed is age. The distance itself
-is then smoothed by penalised least squares (Whittaker, Proceedings of the Edinburgh Mathematical Society 41,
-1923):
+Its size is estimated from third differences of the distance D that the wheels have rolled in the mean. Those
+of a car that moves with jerk j are j * dt^3, a millimetre in 0.1 s; an error of standard deviation s of each
+D makes sqrt(20) * s. What is beyond the counts' own resolution and grows with speed is age. The distance
+itself is then smoothed by penalised least squares (Whittaker, Proceedings of the Edinburgh Mathematical
+Society 41, 1923):
 
     sum (S - D)^2 / (r^2 + (s v)^2) + sum (third difference of S)^2 / (j dt^3)^2 -> min,
 
@@ -39,7 +39,7 @@ recordings at hand."""
 JERK_MPS3 = 1.0
 """Root mean square in driving, traffic included."""
 FAST_MPS = 5.0
-"""Speed from which an age is told: below, a count is longer than what an age makes."""
+"""Speed from which an age is estimated: below, a count is longer than what an age makes."""
 FEWEST = 600
 """Ticks at such a speed: a minute."""
 DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
@@ -57,7 +57,7 @@ class CommonAge:
     std_s: float
     """Standard deviation."""
     age_s: FloatArray
-    """(n + 1,) at the ticks' edges, less its mean; 0 where it is not told."""
+    """(n + 1,) at the ticks' edges, less its mean; 0 where it is not estimated."""
 
 
 def without_common_age(recording: Recording) -> Recording:

@@ -2,7 +2,7 @@
 
 In: the `Reader` of a drive, a `Noise`. Out: the standard deviation of each covariate in a window. Covariates
 are estimated like everything else: they share noise with the residual, and no shape over a covariate can be
-told that is finer than the covariate's own error (errors in variables: Carroll, Ruppert, Stefanski and
+found that is finer than the covariate's own error (errors in variables: Carroll, Ruppert, Stefanski and
 Crainiceanu, Measurement Error in Nonlinear Models, 2006, chapter 3). A shape is one over the value to be
 expected: on a straight road all of the lateral acceleration is error.
 """
@@ -65,7 +65,7 @@ def covariate_errors(windows: Windows, about: ReferenceTrajectory, noise: Noise)
         for name, jacobian in covariate_jacobians(windows, about).items()
     }
     slope = np.full(len(windows), SLOPE_ERROR)
-    # Rates are differences of neighbouring windows; slopes are told by heights, not by the motion.
+    # Rates are differences of neighbouring windows; slopes are determined by heights, not by the motion.
     rates = {
         "accel_long": np.hypot(math.sqrt(2.0) * stds[:, 0] / WINDOW_S, GRAVITY_MPS2 * slope),
         "grade": slope,

@@ -1,8 +1,8 @@
 """Down to which speed a drive's seconds are compared.
 
 In: the drive's speeds. Out: the least speed. A window's reading errors hardly change with speed, so what it
-tells of a relative change of radius goes with the square of its way: seconds at walking pace tell next to
-nothing of a drive on the road, and everything of one in a car park.
+knows of a relative change of radius goes with the square of its distance: seconds at walking pace hold next
+to nothing of a drive on the road, and everything of one in a car park.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 TYPICAL_MPS = 5.0
 """From here on every second is compared: clutches, brakes and standstill disturb slower driving more than the
-little that it tells is worth."""
+little information that it holds is worth."""
 MIN_MPS = 1.5
 """Below, passive wheel sensors give no edges (counts are lost below 1 to 3 m/s), and the receiver's course is
 noise."""

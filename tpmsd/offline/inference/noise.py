@@ -104,7 +104,7 @@ PRIORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "radius_drift_tau_s": (60.0, 0.5),
     }
 )
-"""Median and logarithmic spread of what a drive hardly tells."""
+"""Median and logarithmic spread of what a drive hardly determines."""
 
 
 def with_usual_drift(noise: Noise) -> Noise:

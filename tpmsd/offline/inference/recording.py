@@ -54,7 +54,8 @@ class Recording:
     course_rad: FloatArray
     """Mathematical angle, counter-clockwise from east."""
     host_minus_utc_s: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """(m,) how far the host's clock was ahead of UTC at each fix, less that of the first; empty: not told."""
+    """(m,) how far the host's clock was ahead of UTC at each fix, less that of the first; empty: not
+    known."""
     name: str = "the drive"
     """Name in reports."""
     counts_per_rev: tuple[float | None, ...] = (None, None, None, None)

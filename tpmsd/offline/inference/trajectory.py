@@ -32,7 +32,7 @@ ACCEL_SMOOTHING_S = 0.25
 GRADE_SMOOTHING_S = 0.5
 HEIGHT_SMOOTHING_S = 12.0
 FEWEST_HEIGHTS = 30
-"""Fixes with a height, from which slopes are told by them."""
+"""Fixes with a height, from which slopes are estimated from them."""
 MIN_SMOOTHING_S = 3.0
 SLOPE_ERROR = 1e-3
 FLAT_BELOW = 0.006
@@ -53,7 +53,7 @@ class ReferenceTrajectory:
     valid: np.ndarray
     """(n,) ticks in which all the car's wheels were read."""
     grade_known: bool
-    """True if slopes could be told from heights or from the accelerometer."""
+    """True if slopes could be estimated from heights or from the accelerometer."""
     grade_by: str
     """accelerometer | heights | nothing"""
     min_mps: float
@@ -216,7 +216,7 @@ def _yaw_smoothing_s(recording: Recording, car: Car) -> float:
     yaw rate.
 
     What a coarse ring leaves of it in the heading's course within a second looks like anything that is later
-    or smoother than the wheels: a receiver's lag is not told from a low-pass.
+    or smoother than the wheels: a receiver's lag is not distinguished from a low-pass.
     """
     # Of a turn, which holds the rounding of two readings, for each of the two wheels.
     rounding_m = math.hypot(*(recording.quantum_rad[[RL, RR]] * car.radius_m[[RL, RR]])) / math.sqrt(2.0)

@@ -1,2 +1,2 @@
-"""Choice of the manoeuvres that tell effects apart, by the information that the diagnosis would gain from
+"""Choice of the manoeuvres that distinguish effects, by the information that the diagnosis would gain from
 them."""

@@ -1,4 +1,4 @@
-"""Searches the shortest list of manoeuvres that tells chosen effects apart.
+"""Searches the shortest list of manoeuvres that distinguishes the chosen effects.
 
 In: effects, equipment, a library of manoeuvres. Out: `Plan`. Optimal design of experiments (Fedorov, Theory
 of Optimal Experiments, 1972; Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS, 2007,

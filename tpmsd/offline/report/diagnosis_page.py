@@ -47,7 +47,7 @@ from tpmsd.offline.report.wording import alarm_label, drive_time, parameter_name
 
 @dataclass(frozen=True)
 class FindingView:
-    """One finding as the page tells it."""
+    """One finding as the page shows it."""
 
     title: str
     effect: str

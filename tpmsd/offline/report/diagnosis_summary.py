@@ -43,7 +43,7 @@ CHANNELS: dict[str, str] = {
 UNITS = {**COVARIATES, "wheel_angle": "rad"}
 SLIPS: dict[str, str] = {"wheel_slip": "Wheel slip", "side_slip": "Side slip"}
 REPORTED_FROM_NATS = 10.0
-"""Nats, in sample, from which it is told what a slip would explain beyond the findings."""
+"""Nats, in sample, from which it is reported what a slip would explain beyond the findings."""
 
 
 def diagnosis_summary(
@@ -186,7 +186,9 @@ def explanatory_sentence(one: Explanatory) -> str:
         f" {one.beyond:.0f} nats beyond this ({one.alone:.0f} alone, both in sample)"
     )
     if one.without:
-        text += f"; without {' and '.join(one.without)} on the bus it is told by the wheels' own motion"
+        text += (
+            f"; without {' and '.join(one.without)} on the bus it is estimated from the wheels' own motion"
+        )
     return text + "."
 
 

@@ -33,7 +33,7 @@ POINTS = 900
 
 @dataclass(frozen=True)
 class DynamicsFindingView:
-    """One finding as the page tells it."""
+    """One finding as the page shows it."""
 
     title: str
     effect: str

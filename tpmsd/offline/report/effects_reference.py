@@ -1,6 +1,6 @@
 """The catalogue of effects as plain values, text and a page of the docs.
 
-In: the catalogue, and what a drive can tell. Out: a JSON document, a summary for the terminal, Markdown.
+In: the catalogue, and what a drive can identify. Out: a JSON document, a summary for the terminal, Markdown.
 """
 
 from __future__ import annotations

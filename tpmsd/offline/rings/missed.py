@@ -1,4 +1,4 @@
-"""Counts that a wheel loses while it turns, told from a larger radius by the wheel's own ripple.
+"""Counts that a wheel loses while it turns, distinguished from a larger radius by the wheel's own ripple.
 
 In: `Recording`, `ReferenceTrajectory`. Out: `MissedCounts` per wheel that loses counts.
 

@@ -22,7 +22,7 @@ class CounterSettings:
     ripple_from_mps: float = 4.0
     """Below, a turn lasts as long as the high-pass."""
     ripple_block_ticks: int = 300
-    """Half a minute: blocks over which the ripple's variance is told."""
+    """Half a minute: blocks over which the ripple's variance is estimated."""
     ripple_folds: int = 5
     """Folds of cross-validation."""
     ripple_admit_nats: float = 12.0
@@ -53,7 +53,7 @@ class CounterSettings:
     change."""
     radius_spread: float = 0.003
     """Relative standard deviation between the radii of one car's wheels: where one tooth is less, no count
-    is told from its neighbour."""
+    is distinguished from its neighbour."""
     nominal_radius_m: float = 0.3
     """Radius to which the prior of radii belongs."""
     lost_compared_to_mps: float = 15.0
@@ -83,9 +83,10 @@ class CounterSettings:
     single_max_steps: int = 60
     """Counts lost in a window: of more the scatter looks normal, and no steps show."""
     single_sum_windows: int = 12
-    """Windows of a sum that tells losses from bounded errors: a tenth of a block, whose mean is gone."""
+    """Windows of a sum that distinguishes losses from bounded errors: a tenth of a block, whose mean is
+    gone."""
     single_few_windows: tuple[int, ...] = (2, 4)
-    """Windows of sums that tell losses at random from what lasts for seconds: slip and loads do."""
+    """Windows of sums that distinguish losses at random from what lasts for seconds: slip and loads do."""
     single_stds: float = 6.0
     """Standard deviations above the mean up to which numbers of lost counts are added up."""
     single_probe: float = 0.05

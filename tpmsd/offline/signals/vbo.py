@@ -37,7 +37,7 @@ MAX_VALUES = 20_000_000
 """Numbers kept of a file: 160 MB."""
 MAX_HEAD_LINES = 20_000
 FOLLOWS = 0.4
-"""Least correlation by which a channel's sign is told."""
+"""Least correlation by which a channel's sign is determined."""
 SLOWEST_MPS = 5.0
 """Slower, the course tells nothing."""
 SMOOTH_S = 0.5

@@ -36,7 +36,8 @@ _UNIT_PER_SI = {
 }
 MAX_WIDTH_SHARE = 0.7
 """Share of a counter's width that a wheel may count from frame to frame: what it may gain meanwhile, and a
-stamp that is late, must be told from one turn more. At 0.73 0.4 % of the ticks are lost, at 0.92 a fifth."""
+stamp that is late, must be distinguished from one turn more. At 0.73 0.4 % of the ticks are lost, at 0.92 a
+fifth."""
 _SENSOR_TAU_S = 0.02
 _BRAKE_PA_PER_MPS2 = 8e5
 

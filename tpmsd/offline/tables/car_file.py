@@ -1,7 +1,7 @@
 """The `vehicle.toml` of a drive that was made from tables.
 
 In: the tables [vehicle], [gnss] and others as plain values, the encoded signals. Out: TOML text, and `Config`
-with every problem told as of a file. Pure.
+with every problem reported as of a file. Pure.
 """
 
 from __future__ import annotations

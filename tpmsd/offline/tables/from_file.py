@@ -1,7 +1,7 @@
 """A table with its map as a car's signals.
 
 In: a table's path, a `TableMap`. Out: role -> `SignalReadings` in SI units, the moduli of counts, the car's
-tables. A column that the map names and the table lacks is told with the map's line.
+tables. A column that the map names and the table lacks is reported with the map's line.
 """
 
 from __future__ import annotations

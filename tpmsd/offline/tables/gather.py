@@ -36,7 +36,7 @@ def split_empty(series: Mapping[str, SignalReadings]) -> tuple[dict[str, SignalR
     those.
 
     A tick table has every column, also those of signals that the car does not send. What a receiver left
-    empty stays: an empty accuracy means that it told none.
+    empty stays: an empty accuracy means that it stated none.
     """
     optional = {*ANGLE_ROLES, *SPEED_ROLES, *COUNT_ROLES, *OPTIONAL_ROLES}
     empty = [role for role, one in series.items() if role in optional and not len(one.finite().time_s)]

@@ -275,7 +275,7 @@ class _Guesser:
             untold = "sign" if named else "unit and sign"
             assumed = "" if named else "; without a unit it is rad/s"
             self._found.doubts.append(
-                f"{_printable(one.name)}: {untold} not told, for the course turns too little{assumed}"
+                f"{_printable(one.name)}: {untold} not determined, for the course turns too little{assumed}"
             )
             return
         fit = by_value.yaw_unit(slope)

@@ -118,7 +118,7 @@ class TickSource:
         """Advance to a host time: close epochs, find overdue messages; return the ticks that are complete by
         then."""
         # Ticks that were due while the receiver's epoch was still open come before its fix, whether or not
-        # anybody told the time in between: else a run that is told it more often would make other ticks.
+        # the time was stated in between: else a run with more of such statements would make other ticks.
         timeline, ticks = self.timeline, []
         steps = timeline.counts["clock_steps"]
         deadline_s = self.assembler.deadline_s

@@ -22,9 +22,9 @@ class AccelerometerTilt(Effect):
     pitched by pitch_rad (nose up) they read g * sin(pitch) more forward, rolled by roll_rad (left side up)
     g * sin(roll) more to the left.
 
-    Pitch and roll read as a constant and are told as such; the turn about the vertical is told by what
-    braking puts to the side, and bends forward. Source: rotation of a vector; tolerances of a bracket and of
-    a body's floor, 1 to 3 degrees.
+    Pitch and roll read as a constant and are reported as such; the turn about the vertical is identified by
+    what braking puts to the side, and bends forward. Source: rotation of a vector; tolerances of a bracket
+    and of a body's floor, 1 to 3 degrees.
     """
 
     name = "accelerometer_tilt"

@@ -23,11 +23,11 @@ class BrakeDrag(Effect):
     """omega * r = v * (1 - slip * (1 + h)) and delta_r = growth_m * slip * h on one wheel, cooling_s * dh/dt
     = v / 20 m/s - h, h = 0 at the start: the drag grows with the warmth that it makes, and the tyre with it.
 
-    Both turn the wheel slower. A drag that stays the same is calibration: what is told is how it follows the
-    speed of the last minutes. Source: linear slip stiffness, F = C * s (Gustafsson, Automatica 33(6), 1997):
-    100 N on 1e5 N are 1e-3; at 20 m/s they are 2 kW, at a cooling of 20 W/K a disc 100 K warmer (Limpert,
-    Brake Design and Safety, 2011, chapter 3), a rim 20 K and a radius 0.5 mm more: growth_m of 0.5 m. A hot
-    disc is thicker and drags up to twice as much. Brakes drag on one car in fifty.
+    Both turn the wheel slower. A drag that stays the same is calibration: what is estimated is how it follows
+    the speed of the last minutes. Source: linear slip stiffness, F = C * s (Gustafsson, Automatica 33(6),
+    1997): 100 N on 1e5 N are 1e-3; at 20 m/s they are 2 kW, at a cooling of 20 W/K a disc 100 K warmer
+    (Limpert, Brake Design and Safety, 2011, chapter 3), a rim 20 K and a radius 0.5 mm more: growth_m of 0.5
+    m. A hot disc is thicker and drags up to twice as much. Brakes drag on one car in fifty.
     """
 
     name = "brake_drag"

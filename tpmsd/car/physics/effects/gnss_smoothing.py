@@ -12,7 +12,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 TOLERANCE_S, OWN = 0.25, 6.0
 """Up to which time constant smoothing is the receiver's own, and the nats that such a one costs: it can
-hardly be told from a lag."""
+hardly be distinguished from a lag."""
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,9 @@ class GyroMisalignment(Effect):
     these angles to the left and forward.
 
     The pitch rate is that of the road, -d(grade)/dt (nose down is positive), the roll rate K * d(a_y)/dt.
-    What leaks of rolling goes with the yaw acceleration, as does a delay of the readings, and is not told
-    from it. Source: projection of the turning rate onto the sensor's axis; 1 to 3 degrees of a bracket; K of
-    3.4 degrees per g ([Gillespie 1992], ch. 6).
+    What leaks of rolling goes with the yaw acceleration, as does a delay of the readings, and is not
+    distinguished from it. Source: projection of the turning rate onto the sensor's axis; 1 to 3 degrees of a
+    bracket; K of 3.4 degrees per g ([Gillespie 1992], ch. 6).
     """
 
     name = "gyro_misalignment"

@@ -22,10 +22,10 @@ class HeadWind(Effect):
     east_mps * cos(heading) + north_mps * sin(heading) the speed of the air along the car.
 
     The wind comes from the east, or from the north, where its part is positive. What it does in calm air is
-    slip by drag; it can be told where the car goes in several directions, and free wheels are read beside
-    the driven ones. Source: drag of half rho c_d A / m = 2.7e-4 /m ([Gillespie 1992], ch. 4) on linear slip
-    stiffness (Gustafsson, Automatica 33(6), 1997); at 30 m/s 8 m/s against the car are 0.15 m/s2 and a slip
-    of 6e-4. Beaufort 3 to 6 are 4 to 12 m/s.
+    slip by drag; it can be identified where the car goes in several directions, and free wheels are read
+    beside the driven ones. Source: drag of half rho c_d A / m = 2.7e-4 /m ([Gillespie 1992], ch. 4) on linear
+    slip stiffness (Gustafsson, Automatica 33(6), 1997); at 30 m/s 8 m/s against the car are 0.15 m/s2 and a
+    slip of 6e-4. Beaufort 3 to 6 are 4 to 12 m/s.
     """
 
     name = "head_wind"

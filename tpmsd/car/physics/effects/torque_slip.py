@@ -1,4 +1,4 @@
-"""Driven wheels slip under the torque that the bus tells."""
+"""Driven wheels slip under the torque that the bus states."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ class TorqueSlip(Effect):
     """omega * r = v * (1 + c * T(t - lag_s)) on driven wheels, T the drive torque of the bus.
 
     Under the brakes it knows nothing of what they do, and against the wind it holds what the drag takes: by
-    these it is told from slip by the acceleration. The value holds the unknown gain of the bus's torque, and
-    the lag what the control unit computes ahead of the wheels. Source: linear slip stiffness, F_x = C * s
-    (Gustafsson, Automatica 33(6), 1997): 4e-3 s2/m of a car of 1500 kg on wheels of 0.31 m are 8.6e-6 /Nm.
+    these it is distinguished from slip by the acceleration. The value holds the unknown gain of the bus's
+    torque, and the lag what the control unit computes ahead of the wheels. Source: linear slip stiffness, F_x
+    = C * s (Gustafsson, Automatica 33(6), 1997): 4e-3 s2/m of a car of 1500 kg on wheels of 0.31 m are 8.6e-6
+    /Nm.
     """
 
     name = "torque_slip"
@@ -68,7 +69,7 @@ class TorqueSlip(Effect):
             0.1,
             -2.0,
             5.0,
-            "age of the force behind the torque that is told",
+            "age of the force behind the torque that the bus states",
             prior=Prior(0.1, 0.1, "manifold and drive shaft: 0.1 to 0.3 s"),
         ),
     )

@@ -17,7 +17,7 @@ MIN_MPS = 1.0
 """Below, the share is that at this speed."""
 TOLERANCE_S, OWN = 0.1, 6.0
 """Up to which time constant smoothing is a control unit's own, and the nats that such a one costs: it can
-hardly be told from the age of a fix."""
+hardly be distinguished from the age of a fix."""
 
 
 @dataclass(frozen=True)

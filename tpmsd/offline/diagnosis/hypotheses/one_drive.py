@@ -105,7 +105,7 @@ class DriveHypotheses(Hypotheses):
                 design[a[i] + 1, 0], design[a[j] + 1, 0] = 1.0, -1.0
             span = (float(middle[i]), float(middle[j]))
             slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(pattern)
-            # Of an axle, events alone: a shape over what both wheels share is told better by its covariate.
+            # Of an axle, events alone: a shape that both wheels share has a covariate of its own.
             free = (NONPARAMETRIC.name,) if len(wheels) == 1 else ()
             for effect in (*free, *self._matching_events(pattern, slip, span[1] - span[0])):
                 out.append((float(gain[i, j]), self._pulse_term(effect, pattern, span, design)))

@@ -2,7 +2,7 @@
 
 In: the penalised gain of a finding and the maxima of replicates drawn without it. Out: `PValue`.
 
-Two numbers are kept apart. The p-value that a reader is told is counted: k of n replicates reach the value,
+Two numbers are kept apart. The p-value that is reported is counted: k of n replicates reach the value,
 and where none does it is the bound 1 / (n + 1) (Davison and Hinkley, Bootstrap Methods and their Application,
 1997, equation 4.11). A decision at a false discovery rate of 1 % needs less than so few replicates can count.
 It takes the tail of the Gumbel distribution of the maxima (as Knijnenburg et al., Bioinformatics 25, 2009,

@@ -1,1 +1,2 @@
-"""Errors of accelerometers, the steering wheel and the clock, told by themselves apart from the windows."""
+"""Errors of accelerometers, the steering wheel and the clock, estimated by themselves, apart from the
+windows."""

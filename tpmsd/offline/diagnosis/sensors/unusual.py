@@ -1,7 +1,7 @@
 """Errors of the sensors that are larger than sensors in order have, as findings.
 
 In: the drives' `SensorError`s. Out: `Finding`s. All errors are fitted, and every sensor has some: what is
-told is an error beyond the usual size that its effect states (`Effect.tolerance_note`).
+reported is an error beyond the usual size that its effect states (`Effect.tolerance_note`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from tpmsd.offline.inference.windows import Reader
 
 
 def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Finding]:
-    """Return one finding per effect, by the drive that tells it best; `speeds`: the bus has no counts."""
+    """Return one finding per effect, by the drive that determines it best; `speeds`: the bus has no
+    counts."""
     best: dict[str, tuple[float, Finding]] = {}
     for reader in readers:
         by_effect: dict[str, list[SensorError]] = {}

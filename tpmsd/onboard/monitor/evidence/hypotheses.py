@@ -130,7 +130,7 @@ class Comparison:
     there is none. It shifts the posterior, not the suspicion."""
     one_alone: bool = False
     """True if only losses of one wheel are considered: where an axle may be of any size, others cannot be
-    told from them.
+    distinguished from them.
     """
     sizes: TyreSizeChange | None = None
     """Wheels that may be of another size beside a loss; None: none of them."""

@@ -112,7 +112,7 @@ class TrendSettings:
     """Per cent of pressure since it began: two standard deviations of what fillings (`refill_std`) leave
     between two tyres. Less may be a filling that was not known of, and passes by itself."""
     clear_days: int = 28
-    """Readings from which it is told whether a leak goes on: a tyre leaked until it was mended."""
+    """Readings from which it is decided whether a leak goes on: a tyre leaked until it was mended."""
     clear_gain: float = 3.0
     """Nats by which no leak must explain these readings better than the leak that was noticed."""
     softness_std: float = 0.15

@@ -38,7 +38,7 @@ def read_by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[CanFr
 
 
 Reader = Callable[[Path, BadLine], Iterator[FrameBlock] | Iterator[CanFrame]]
-"""Takes the path of a log and whom to tell of what was skipped; gives frames, or blocks of them."""
+"""Reads the log of a path; the callback gets each line that was skipped. Yields frames, or blocks of them."""
 
 READERS: dict[str, Reader] = {
     ".log": read_candump,
