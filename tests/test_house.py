@@ -605,9 +605,9 @@ _OF_OTHERS = {"car", "can", "error", "np", "numpy", "org", "scipy", "tomllib", "
 _EXAMPLES = {
     *("ID_0B0", "v_kmh", "wheel_angle_fl_rad", "wheel_speed_fl_kmh", "wheel_speed_fl_radps", "_rpm"),
     *("X_covariance", "accel_lat_times_speed", "car_2", "car_3", "front_drive", "test_NAME"),
-    *("bus.can1.dbc", "ddmm.mmm", "sockaddr_un", "timeout_keep_alive"),
+    *("bus.can1.dbc", "ddmm.mmm", "sockaddr_un", "timeout_keep_alive", "_estimated"),
 }
-"""Names that are put together at run time, of a user's table or of another program."""
+"""Names that are put together at run time, of a user's table or module, or of another program."""
 
 
 @functools.cache

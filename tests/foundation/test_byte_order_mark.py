@@ -15,7 +15,7 @@ from tests.offline.signals.test_vbo import HEADER
 from tpmsd.car.config.dbc import load_dbc
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.text_file import names_configuration, open_log, read_text
-from tpmsd.offline.fleet.find_drives import model_of
+from tpmsd.offline.fleet.find_drives import car_model_name
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.vbo import read_vbo
 from tpmsd.offline.simulator.inject_can import log_lines
@@ -51,7 +51,11 @@ READERS: list[tuple[str, bytes, Callable[[Path], Any]]] = [
     ("drive.vbo", VBO, lambda path: read_vbo(path, lambda line: None).sources),
     ("bus.dbc", b'BO_ 176 A: 8 X\n SG_ B : 0|8@1+ (1,0) [0|0] "" X\n', lambda p: str(load_dbc(p).messages)),
     ("model.toml", MODEL, load_model),
-    ("vehicle.toml", b"[vehicle]\nwheelbase_m = 2.6\n", lambda p: (names_configuration(p), model_of(p))),
+    (
+        "vehicle.toml",
+        b"[vehicle]\nwheelbase_m = 2.6\n",
+        lambda p: (names_configuration(p), car_model_name(p)),
+    ),
 ]
 
 

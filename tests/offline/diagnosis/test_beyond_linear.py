@@ -13,7 +13,7 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted_readers
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import gain_beyond_linear, prune_by_exact_responses
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.diagnosis.stages import estimated
+from tpmsd.offline.diagnosis.stages import with_estimated_noise
 from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
 
@@ -34,7 +34,7 @@ def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
 def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float, stay: set[str]) -> None:
     """Linearised, a lag of 0.4 s looks like one of 0.26 s with a low-pass; one of 1 s is there."""
     regression = Regression(admitted_readers([late(0.4, time_constant_s)])[0])
-    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
+    regression = with_estimated_noise(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     evidence = regression.evidence()
     both = [term for term in regression.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
     linear = Selector(evidence, regression.hypotheses).selection_of(both)
@@ -59,7 +59,7 @@ def test_a_long_lag_is_reported_with_its_size() -> None:
 def test_what_is_beyond_the_linear_is_what_the_forward_model_says() -> None:
     """Of a lag that acts, its shift explains what its slope leaves; of a low-pass in its place, less."""
     regression = Regression(admitted_readers([late(0.4)])[0])
-    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
+    regression = with_estimated_noise(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     evidence = regression.evidence()
     lag, smoothing = (
         next(term for term in regression.hypotheses.catalogue if term.effect == name)

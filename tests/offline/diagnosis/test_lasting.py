@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.refinement.refine import exact_term
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.robustness.receiver_outliers import jump_evidence, remove_receiver_events
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.diagnosis.stages import estimated
+from tpmsd.offline.diagnosis.stages import with_estimated_noise
 from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
@@ -60,7 +60,7 @@ def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Regression, Ev
     usual, regression = (
         Regression(admitted_readers([one])[0]) for one in (two_wheels(), happens(two_wheels()))
     )
-    usual = estimated(usual, usual.hypotheses.nuisance, SearchStage.SECOND)
+    usual = with_estimated_noise(usual, usual.hypotheses.nuisance, SearchStage.SECOND)
     regression = regression.with_noise({0: usual.drives[0].noise})
     evidence = regression.evidence()
     gram, b = evidence.projected(regression.hypotheses.nuisance)

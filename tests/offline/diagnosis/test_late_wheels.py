@@ -19,7 +19,7 @@ from tpmsd.offline.diagnosis.refinement.beyond_linear import prune_by_exact_resp
 from tpmsd.offline.diagnosis.refinement.damped import damped_values
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.diagnosis.stages import estimated
+from tpmsd.offline.diagnosis.stages import with_estimated_noise
 from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
@@ -68,7 +68,7 @@ def test_what_cancels_to_first_order_must_act_as_it_says() -> None:
     blind = {**plain.inertial, "yaw_rate_radps": np.full(plain.ticks, np.nan)}
     recording = replace(plain, rotation_rad=rough, quantum_rad=np.zeros(4), inertial=blind)
     regression = Regression(admitted_readers([recording])[0])
-    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
+    regression = with_estimated_noise(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     selector = Selector(regression.evidence(), regression.hypotheses, last=True)
     regression = relinearised(regression, selector.selection_of([]))
     evidence = regression.evidence()
@@ -83,7 +83,7 @@ def test_what_cancels_to_first_order_must_act_as_it_says() -> None:
 def test_a_step_is_no_longer_than_the_exact_likelihood_allows() -> None:
     """Of a fit three times as far as the low-pass of 0.3 s, half is taken, or a quarter."""
     regression = Regression(admitted_readers([smoothed(5, 0.3, 0.0)])[0])
-    regression = estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
+    regression = with_estimated_noise(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
     term = next(one for one in regression.hypotheses.catalogue if one.effect == FILTER)
     fair = Selector(regression.evidence(), regression.hypotheses).selection_of([term])
     far = replace(fair, fit=replace(fair.fit, values=3.0 * fair.fit.values))

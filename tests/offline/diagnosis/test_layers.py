@@ -6,7 +6,14 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from tpmsd.offline.diagnosis.stages import STAGES, choose, down_weight, first_noise, other_noise, verdict
+from tpmsd.offline.diagnosis.stages import (
+    STAGES,
+    choose,
+    choose_for_verdict,
+    down_weight,
+    first_noise,
+    other_noise,
+)
 
 REPO = Path(__file__).resolve().parents[3]
 HOME = REPO / "tpmsd" / "offline" / "diagnosis"
@@ -63,4 +70,4 @@ def test_outliers_are_weighed_after_events_were_looked_for_and_the_verdict_comes
 
     assert first_noise is order[0]
     assert order.index(choose) < order.index(down_weight)
-    assert [verdict, other_noise] == order[-2:]
+    assert [choose_for_verdict, other_noise] == order[-2:]

@@ -14,7 +14,7 @@ from tpmsd.onboard.estimators.bank.error_state import MU, PSI, E, N
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
 from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses, mean_and_root, shrink_and_jitter
 from tpmsd.onboard.estimators.belief import FixMeasurement, GatedTick
-from tpmsd.onboard.estimators.build import car_of
+from tpmsd.onboard.estimators.build import filter_car
 from tpmsd.onboard.estimators.resampling import Lineage
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -23,7 +23,7 @@ HYPOTHESES = SampledHypotheses()
 
 
 def belief_of(count: int, seed: int = 1) -> MarginalBelief:
-    car = car_of(VEHICLE, GnssConfig(), True)
+    car = filter_car(VEHICLE, GnssConfig(), True)
     return MarginalBelief(car, MarginalPieces(), count, np.random.default_rng(seed))
 
 
@@ -210,7 +210,7 @@ def test_the_spread_between_particles_is_part_of_that_stated() -> None:
 
 def test_nothing_is_proposed_that_nothing_can_judge() -> None:
     """A rear pair without fixes and gyro: blocks pass and no radius becomes wider by a change."""
-    car = car_of(VEHICLE, GnssConfig(), False)
+    car = filter_car(VEHICLE, GnssConfig(), False)
     belief = MarginalBelief(car, MarginalPieces(), 500, np.random.default_rng(4))
     before = np.einsum("ijj->ij", belief.bank.covariance)[:, MU:].max()
     for k in range(1, 200):

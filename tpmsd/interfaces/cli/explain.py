@@ -19,7 +19,7 @@ from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.cli.daemon_socket import daemon_socket
 from tpmsd.interfaces.cli.filter_options import (
     add_filter_options,
-    model_of,
+    compensated_model,
     refuse_without_drive,
     with_filter,
 )
@@ -89,7 +89,7 @@ def _explanation_of_drive(folder: Path, args: argparse.Namespace) -> dict[str, A
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
     config = with_filter(load_config(args.config if args.config is not None else folder), args)
-    model = model_of(config, args, say)
+    model = compensated_model(config, args, say)
     drive = Drive(folder.resolve().name, config, FolderRecording(folder))
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "explain") as progress:
         found = explain_drive(drive, model, progress.update, say)

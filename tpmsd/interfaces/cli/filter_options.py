@@ -56,7 +56,9 @@ def with_filter(config: Config, args: argparse.Namespace) -> Config:
     return dataclasses.replace(config, filter=settings)
 
 
-def model_of(config: Config, args: argparse.Namespace, note: Callable[[str], None]) -> ExtendedModel | None:
+def compensated_model(
+    config: Config, args: argparse.Namespace, note: Callable[[str], None]
+) -> ExtendedModel | None:
     """Return the model of `--model`, else of `[filter] model`, else None; `note` gets a line for each effect
     that cannot be compensated.
 

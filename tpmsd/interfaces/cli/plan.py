@@ -195,7 +195,6 @@ def _equipment_of(args: argparse.Namespace) -> Equipment:
             gyro="yaw_rate" in signals,
             accelerometer="accel_long" in signals,
         )
-    from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE
-    from tpmsd.offline.simulator.drive import car_of as simulated
+    from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE, simulated_car
 
-    return Equipment(car=simulated(DEFAULT_VEHICLE), receiver_hz=args.receiver_hz)
+    return Equipment(car=simulated_car(DEFAULT_VEHICLE), receiver_hz=args.receiver_hz)

@@ -20,7 +20,7 @@ from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.interfaces.cli.drive_reading import say, span_s
-from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
+from tpmsd.interfaces.cli.filter_options import add_filter_options, compensated_model, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.replay_signals import has_signals_alone, run_signals
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = _outputs(args)
     config = load_config(args.config if args.config is not None else _checked_folder(args.drive))
     config = _with_vehicle_state(with_filter(config, args), args)
-    model = model_of(config, args, say)
+    model = compensated_model(config, args, say)
     wanted = args.html is not None or any(outputs.asked(f"--{kind}") for kind in _KINDS)
     keep_freed_memory()
     result, table = replayed(args.drive, config, model, table=wanted)

@@ -17,7 +17,7 @@ from tpmsd.car.config.model import GnssConfig
 from tpmsd.car.config.problems import BadValueError
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.startup import reserve_linear_algebra, without_openssl
-from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
+from tpmsd.interfaces.cli.filter_options import add_filter_options, compensated_model, with_filter
 from tpmsd.interfaces.cli.output import Subparsers
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     for warning in warnings:
         log.warning("%s", warning)
     recorder = None if args.record is None else DriveRecorder(args.record, config)
-    model = model_of(config, args, partial(log.warning, "%s"))
+    model = compensated_model(config, args, partial(log.warning, "%s"))
     with state_lock(config.state.file):
         Daemon(
             config,

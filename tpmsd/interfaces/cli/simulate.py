@@ -16,7 +16,7 @@ from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.output_files import Outputs
-from tpmsd.interfaces.cli.simulate_injection import add_onto_options, model_of, run_onto
+from tpmsd.interfaces.cli.simulate_injection import add_onto_options, model_of_options, run_onto
 
 if TYPE_CHECKING:
     from tpmsd.car.config.model import VehicleConfig
@@ -213,7 +213,7 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
         radius_offset_m=_parse_four_mm(args.radius_offset_mm),
         flat=args.flat,
         faults=_parse_faults(args),
-        model=model_of(args),
+        model=model_of_options(args),
         receiver=ReceiverSpec(
             rate_hz=args.receiver_hz,
             position_std_m=_nonnegative("--position-std", args.position_std),

@@ -72,7 +72,7 @@ def run_onto(args: argparse.Namespace) -> int:
     onto = InjectionTarget.of(drive, config, read_ticks(args.onto, config))
     document: dict[str, Any] = {"folder": str(args.out), "onto": str(args.onto)}
     if args.conceal is None:
-        model = model_of(args)
+        model = model_of_options(args)
         changed = inject(onto, model, args.out)
         write_truth(args.out, onto, model)
         document |= {"effects": effects_document(model), "sealed": None, "concealed": None}
@@ -148,7 +148,7 @@ def _check_options(args: argparse.Namespace) -> None:
         raise ConfigError(f"--seed {args.seed}: a seed is 0 or more")
 
 
-def model_of(args: argparse.Namespace) -> ExtendedModel:
+def model_of_options(args: argparse.Namespace) -> ExtendedModel:
     """Return the effects of --model and --effect; ConfigError with one line on what makes no sense."""
     from tpmsd.car.physics.catalogue import parse_effect
     from tpmsd.car.physics.model import ExtendedModel

@@ -31,7 +31,7 @@ from tpmsd.offline.diagnosis.proposal.search import proposals
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.reporting.with_known import with_known
 from tpmsd.offline.diagnosis.robustness.certify import certified
-from tpmsd.offline.diagnosis.stages import estimated, examine
+from tpmsd.offline.diagnosis.stages import examine, with_estimated_noise
 from tpmsd.offline.inference.known_effects import without_effects
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.noise_fit import SearchStage
@@ -110,7 +110,9 @@ def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...
     if not readers:
         raise ConfigError("; ".join(notes))
     regression = Regression(readers)
-    return identifiability(estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST))
+    return identifiability(
+        with_estimated_noise(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
+    )
 
 
 def noise_of(recording: Recording) -> Noise:
@@ -119,7 +121,11 @@ def noise_of(recording: Recording) -> Noise:
     if not readers:
         raise ConfigError("; ".join(notes))
     regression = Regression(readers)
-    return estimated(regression, regression.hypotheses.fullest_design, SearchStage.FIRST).drives[0].noise
+    return (
+        with_estimated_noise(regression, regression.hypotheses.fullest_design, SearchStage.FIRST)
+        .drives[0]
+        .noise
+    )
 
 
 def insufficient(notes: Sequence[str]) -> RollingDiagnosis:

@@ -64,17 +64,17 @@ class State:
 
 def first_noise(state: State) -> State:
     """Estimate each drive's noise beside everything that is linear."""
-    return _estimated(state, SearchStage.FIRST)
+    return _estimate_noise(state, SearchStage.FIRST)
 
 
 def second_noise(state: State) -> State:
     """Estimate each drive's noise jointly with the chosen terms."""
-    return _estimated(state, SearchStage.SECOND)
+    return _estimate_noise(state, SearchStage.SECOND)
 
 
 def last_noise(state: State) -> State:
     """Estimate the drift parameters of the noise once more."""
-    return _estimated(state, SearchStage.LAST)
+    return _estimate_noise(state, SearchStage.LAST)
 
 
 def plain_shapes(state: State) -> State:
@@ -82,13 +82,13 @@ def plain_shapes(state: State) -> State:
 
     What no effect of the catalogue holds would pass for noise, and noise of that size would hide its shape.
     """
-    regression, design, evidence = state.regression.copied(), state.design, _present(state)
+    regression, design, evidence = state.regression.copied(), state.design, _current_evidence(state)
     for _ in range(SETTINGS.refinement.plain_splines):
         term = most_significant_shape(regression, evidence, design)
         if term is None:
             break
         design = np.concatenate([widened_design(design, regression.hypotheses.width), term.design], axis=1)
-        regression = estimated(regression, design, SearchStage.FIRST)
+        regression = with_estimated_noise(regression, design, SearchStage.FIRST)
         evidence = regression.evidence()
     return replace(state, regression=regression, evidence=evidence)
 
@@ -98,7 +98,7 @@ def choose(state: State) -> State:
 
     What is clearest comes first and exactly: a pulse half a minute off leaves more than a faint effect.
     """
-    regression, evidence = state.regression.copied(), _present(state)
+    regression, evidence = state.regression.copied(), _current_evidence(state)
     for most in (1, SETTINGS.selection.max_terms):
         selection = Selector(evidence, regression.hypotheses).select(most)
         if refine(regression, selection, evidence, again=most == 1):
@@ -111,7 +111,7 @@ def choose(state: State) -> State:
 
 
 def down_weight(state: State) -> State:
-    """Let single readings weigh less that no chosen term explains.
+    """Reduce the weight of single readings that no chosen term explains.
 
     Events have been looked for by now: what a hypothesis explains keeps its weight. What was whitened so far
     is let go: it takes as much memory as the columns, and the next origin has others.
@@ -139,9 +139,9 @@ def ramps_and_drift(state: State) -> State:
     return replace(state, regression=regression, design=design, evidence=evidence)
 
 
-def verdict(state: State) -> State:
-    """Choose for the last time, by the rules of a verdict."""
-    regression, evidence = state.regression.copied(), _present(state)
+def choose_for_verdict(state: State) -> State:
+    """Choose terms for the last time, by the rules that decide the verdict."""
+    regression, evidence = state.regression.copied(), _current_evidence(state)
     selection = Selector(evidence, regression.hypotheses, last=True).select()
     if not regression.simulation:
         selection = prune_by_exact_responses(regression, selection, evidence, last=True)
@@ -149,7 +149,7 @@ def verdict(state: State) -> State:
 
 
 def other_noise(state: State) -> State:
-    """Ask what was found under each alternative noise in turn (`ALTERNATIVES`)."""
+    """Test the found terms under each alternative noise in turn (`ALTERNATIVES`)."""
     found = state.found
     for alternative in ALTERNATIVES:
         found = alternative(found, state)
@@ -177,7 +177,7 @@ ALTERNATIVES: tuple[Alternative, ...] = (
 STAGES: tuple[Callable[[State], State], ...] = (
     *(first_noise, plain_shapes, choose, down_weight, move_origin),
     *(second_noise, choose, down_weight, move_origin),
-    *(last_noise, ramps_and_drift, verdict, other_noise),
+    *(last_noise, ramps_and_drift, choose_for_verdict, other_noise),
 )
 
 
@@ -192,7 +192,7 @@ def examine(regression: Regression, progress: Callable[[float], None]) -> FoundT
     return state.found
 
 
-def estimated(regression: Regression, design: FloatArray, stage: SearchStage) -> Regression:
+def with_estimated_noise(regression: Regression, design: FloatArray, stage: SearchStage) -> Regression:
     """Return the regression with each drive's noise estimated jointly with a design."""
     noises = {
         number: fit_noise(
@@ -205,12 +205,12 @@ def estimated(regression: Regression, design: FloatArray, stage: SearchStage) ->
     return regression.with_noise(noises)
 
 
-def _estimated(state: State, stage: SearchStage) -> State:
+def _estimate_noise(state: State, stage: SearchStage) -> State:
     """Return the state with the noise estimated jointly with its design."""
-    regression = estimated(state.regression, state.design, stage)
+    regression = with_estimated_noise(state.regression, state.design, stage)
     return replace(state, regression=regression, evidence=regression.evidence())
 
 
-def _present(state: State) -> Evidence:
+def _current_evidence(state: State) -> Evidence:
     """Return the state's evidence, computed again where a stage removed it."""
     return state.regression.evidence() if state.evidence is None else state.evidence

@@ -43,7 +43,7 @@ def find_drives(
             found = True
             with local_copy(path) as folder:
                 key = content_hash([folder]).removeprefix("sha256:")[:40]
-                kind = model or model_of(folder / VEHICLE)
+                kind = model or car_model_name(folder / VEHICLE)
             yield DriveEntry(key, path, car or _parent_name(path), kind)
         if not found:
             raise InputError(name, "no drive folder (with a vehicle.toml) there or below")
@@ -113,7 +113,7 @@ def local_copy(path: str) -> Iterator[Path]:
         yield Path(folder)
 
 
-def model_of(vehicle_file: Path) -> str:
+def car_model_name(vehicle_file: Path) -> str:
     """Return a name for all cars whose configured geometry is the same, such as `2.63m-front-1f3a`."""
     try:
         table: Any = tomllib.loads(vehicle_file.read_text(encoding="utf-8-sig")).get("vehicle", {})

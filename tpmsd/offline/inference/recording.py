@@ -79,7 +79,7 @@ class Recording:
 
 
 def car_of(config: Config) -> Car:
-    """Return the car that a configuration describes."""
+    """Return the car, as the physics catalogue has it, that a configuration describes."""
     vehicle = config.vehicle
     return Car(
         radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),

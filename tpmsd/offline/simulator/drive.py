@@ -110,8 +110,8 @@ class SimulatedDrive:
         }
 
 
-def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_m: float = 0.0) -> Car:
-    """Return the car that a configuration describes."""
+def simulated_car(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_m: float = 0.0) -> Car:
+    """Return the car to simulate: that of a configuration, with a usual steering ratio if it states none."""
     return Car(
         radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
         geometry=WheelPositions(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
@@ -148,7 +148,7 @@ def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDr
         raise ConfigError(f"seed {spec.seed} is negative")
     seeds = np.random.SeedSequence(spec.seed).spawn(6)
     for_route, for_radii, for_world, for_bus, for_receiver, for_lines = map(np.random.default_rng, seeds)
-    car = car_of(spec.vehicle, spec.antenna_forward_m, spec.antenna_left_m)
+    car = simulated_car(spec.vehicle, spec.antenna_forward_m, spec.antenna_left_m)
     if motion is None:
         motion = make_route(
             spec.route, spec.duration_s, for_route, wheelbase_m=spec.vehicle.wheelbase_m, flat=spec.flat

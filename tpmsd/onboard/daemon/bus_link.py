@@ -49,7 +49,7 @@ class BusInterface(Protocol):
         """Send; False if the queue is full."""
 
     def close(self) -> None:
-        """Close."""
+        """Close the bus."""
 
 
 OpenBus = Callable[[CanConfig, list[dict[str, Any]] | None, str], BusInterface]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from tpmsd.onboard.daemon.input_queue import Input, InputQueue, rounded
+from tpmsd.onboard.daemon.input_queue import Input, InputQueue, rounded_stamp_s
 from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can.frame import CanFrame
@@ -55,7 +55,7 @@ class Feeder:
     ) -> list[Step]:
         """Feed the pipeline with the inputs that are due at `now_s` (wall clock) and return its steps;
         `faults`: the links' faults at a time."""
-        until_s = rounded(now_s - self._grace_s)
+        until_s = rounded_stamp_s(now_s - self._grace_s)
         steps: list[Step] = []
         if self._clock_stepped(now_s, monotonic_s):
             for item in self._queue.release_at_clock_step(now_s):

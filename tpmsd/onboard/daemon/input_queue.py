@@ -31,9 +31,9 @@ _FRAME, _SENTENCE = 0, 1
 """Order at equal stamps: frames go first, as in the merge of a recording."""
 
 
-def rounded(stamp_s: float) -> float:
-    """Return a stamp rounded to microseconds, as a recording holds it: live and replay compute with the same
-    numbers."""
+def rounded_stamp_s(stamp_s: float) -> float:
+    """Return a stamp rounded to microseconds, as a recording holds it: live and replay compute with
+    the same numbers."""
     return round(stamp_s, 6)
 
 
@@ -58,12 +58,12 @@ class InputQueue:
         if not abs(stamp_s - now_s) <= STRANGE_S:
             self.counts["bad_stamp"] += 1
             stamp_s = now_s
-        stamp_s = rounded(stamp_s)
+        stamp_s = rounded_stamp_s(stamp_s)
         self._push(stamp_s, _FRAME, frame._replace(time_s=stamp_s))
 
     def put_sentence(self, line: bytes, stamp_s: float) -> None:
         """Queue a line whose first byte came at `stamp_s`."""
-        stamp_s = rounded(stamp_s)
+        stamp_s = rounded_stamp_s(stamp_s)
         self._push(stamp_s, _SENTENCE, Sentence(stamp_s, line, 0))
 
     def release(self, until_s: float) -> Iterator[Input]:

@@ -35,7 +35,7 @@ class Receiver(Protocol):
         """Return the bytes that have arrived; raises `ReceiverGone`."""
 
     def close(self) -> None:
-        """Close."""
+        """Close the receiver's connection."""
 
 
 OpenReceiver = Callable[[GnssConfig], Receiver]

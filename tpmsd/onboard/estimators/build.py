@@ -70,7 +70,7 @@ def build_filter(
     if row is None:
         known = ", ".join([*TABLE, *ALIASES])
         raise ConfigError(f"[filter] method: unknown {settings.method!r}; known: {known}")
-    car = car_of(vehicle, gnss, front)
+    car = filter_car(vehicle, gnss, front)
     return RadiusFilter(
         *(car, vehicle, settings, gate or make_gate(settings, vehicle), row.gates),
         begin_belief(row, car, settings, rng),
@@ -82,7 +82,7 @@ def _generator(rng: Randomness) -> np.random.Generator:
     return rng() if callable(rng) else rng
 
 
-def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
+def filter_car(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
     """Return the geometry and radii that a filter of the rear pair, or of all wheels with `front`, needs of
     the car."""
     order = (RL, RR, FL, FR) if front else (RL, RR)

@@ -72,8 +72,8 @@ def linear_columns(
     stds: Mapping[str, float],
     base: ExtendedModel | None = None,
 ) -> Columns:
-    """Calibration, catalogue at `base`, ramps, smooth terms on these knots over covariates with these errors,
-    and slips by the tyre model."""
+    """Return the columns of calibration, catalogue at `base`, ramps, smooth terms on these knots over
+    covariates with these errors, and slips by the tyre model."""
     out = Columns()
     for part in (
         calibration_columns(reader),
