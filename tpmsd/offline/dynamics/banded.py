@@ -6,6 +6,7 @@ In: diagonal blocks (n, s, s), blocks below the diagonal (n - 1, s, s), right-ha
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import lapack
 
 from tpmsd.foundation.wheels import FloatArray
@@ -16,12 +17,16 @@ class BandedFactor:
 
     def __init__(self, diagonal: FloatArray, below: FloatArray) -> None:
         n, s, _ = diagonal.shape
-        band = np.zeros((2 * s, n * s), order="F")
+        # Rows of a column lie side by side: the columns of a block are (s, 2 s) numbers, each column of which
+        # begins one number later than the one before.
+        memory = np.zeros(n * s * 2 * s)
+        band = memory.reshape(n * s, 2 * s).T
+        size = memory.itemsize
+        strides = (2 * s * s * size, (2 * s - 1) * size, size)
+        blocks = as_strided(memory, (n, s, s), strides)
         for j in range(s):
-            for i in range(j, s):
-                band[i - j, j::s] = diagonal[:, i, j]
-            for i in range(s):
-                band[s + i - j, j : (n - 1) * s : s] = below[:, i, j]
+            blocks[:, j, j:] = diagonal[:, j:, j]
+        as_strided(memory[s:], (n - 1, s, s), strides)[:] = np.swapaxes(below, 1, 2)
         factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
         if info != 0:
             raise np.linalg.LinAlgError(f"the path's information matrix is not positive definite ({info})")
@@ -35,8 +40,11 @@ class BandedFactor:
         out, _ = lapack.dpbtrs(self._factor, columns, lower=1)
         return np.ascontiguousarray(out).reshape(right.shape)
 
-    def half_solve_rows(self, right: FloatArray) -> FloatArray:
-        """Return x of L x = right for right-hand sides (p, n, s), with the matrix L L'."""
+    def half_solve_rows(self, right: FloatArray, first: int = 0) -> FloatArray:
+        """Return x of L x = right for right-hand sides (p, n, s), with the matrix L L' of the n rows from
+        `first` on, which are not linked with those before."""
         columns = np.ascontiguousarray(right).reshape(len(right), -1).T
-        out, _ = lapack.dtbtrs(self._factor, columns, uplo="L", overwrite_b=1)
+        begin = first * self._shape[1]
+        factor = self._factor[:, begin : begin + len(columns)]
+        out, _ = lapack.dtbtrs(factor, columns, uplo="L", overwrite_b=1)
         return np.asarray(out.T.reshape(right.shape))

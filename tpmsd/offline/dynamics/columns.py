@@ -20,6 +20,9 @@ from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Linear, Setup, Weighted
 
+_CACHED = 50_000
+"""Rows times columns that are computed at once: with their states and outputs some megabytes."""
+
 
 @dataclass(frozen=True)
 class Probe:
@@ -133,59 +136,73 @@ def _gram_of_columns(
     """Return the statistics of all blocks, each probe a column of its own.
 
     With the path's information L L' and a column's right-hand side c for the path, the information of two
-    columns is their product in whitened residuals less that of L^-1 c. Rows of a block lie side by side.
+    columns is their product in whitened residuals less that of L^-1 c.
     """
     drive = setup.drive
     weighted = at.weighted(setup, noise)
-    direct, crossed = _whitened_columns(setup, at, weighted, *model_derivatives(setup, theta, at, probes))
-    count, own = len(probes), direct.shape[2]
-    crossed = weighted.factor.half_solve_rows(crossed)
-    left = weighted.factor.half_solve_rows(weighted.gradient()[None]).reshape(-1)
-    total = crossed.shape[2]
-    residual = np.zeros(direct.shape[1:])
-    steps = own - at.reading_residual.shape[1]
-    residual[:-1, :steps] = np.sqrt(weighted.step_weight[:, :steps]) * at.step_residual[:, :steps]
+    derivatives = model_derivatives(setup, theta, at, probes)
+    count, states = len(probes), derivatives[0].shape[1]
+    left = weighted.factor.half_solve_rows(weighted.gradient()[None])[0]
+    step_pull = (np.sqrt(weighted.step_weight) * at.step_residual)[:, :states]
     reading = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
-    residual[:, steps:] = np.sqrt(weighted.reading_weight) * reading
-    direct, crossed, pull = direct.reshape(count, -1), crossed.reshape(count, -1), residual.reshape(-1)
+    reading_pull = np.sqrt(weighted.reading_weight) * reading
     information, gradient = [], []
-    for first, last in zip(drive.starts, drive.ends, strict=True):
-        rows, states = slice(first * own, last * own), slice(first * total, last * total)
-        held, gone = direct[:, rows], crossed[:, states]
-        information.append(held @ held.T - gone @ gone.T)
-        gradient.append(held @ pull[rows] - gone @ left[states])
+    for blocks in _groups_of_blocks(drive.starts, drive.ends, count):
+        begin = int(drive.starts[blocks][0])
+        step, read, asked = _whitened_columns(
+            setup, at, weighted, *derivatives, begin, drive.ends[blocks][-1]
+        )
+        gone = weighted.factor.half_solve_rows(asked, begin)
+        for first, last in zip(drive.starts[blocks], drive.ends[blocks], strict=True):
+            own, between = slice(first - begin, last - begin), slice(first - begin, last - begin - 1)
+            held, seen = step[between].reshape(-1, count), read[own].reshape(-1, count)
+            lost = gone[:, own].reshape(count, -1)
+            information.append(held.T @ held + seen.T @ seen - lost @ lost.T)
+            pull = step_pull[first : last - 1].reshape(-1) @ held
+            pull += reading_pull[first:last].reshape(-1) @ seen
+            gradient.append(pull - lost @ left[first:last].reshape(-1))
     return BlockGram(np.array(information), np.array(gradient))
 
 
+def _groups_of_blocks(starts: IntArray, ends: IntArray, columns: int) -> list[slice]:
+    """Return slices of the blocks, so many in each that what is computed of these columns at once fits into a
+    processor's cache."""
+    rows = max(_CACHED // columns, 1)
+    edges = [0]
+    for k in range(1, len(starts)):
+        if ends[k] - starts[edges[-1]] > rows:
+            edges.append(k)
+    return [slice(first, last) for first, last in zip(edges, [*edges[1:], len(starts)], strict=True)]
+
+
 def _whitened_columns(
-    setup: Setup, at: Linear, weighted: Weighted, by_rate: FloatArray, by_output: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the whitened columns of steps and readings, (p, n, s + m), and their right-hand sides for the
-    path, (p, n, t)."""
-    probes, count, n = by_rate.shape
-    total = at.path.shape[1]
-    by_state = np.ascontiguousarray(np.moveaxis(at.by_state[:, :count], 0, -1))
-    seen = np.ascontiguousarray(np.moveaxis(at.outputs_by_state, 0, -1))
-    step_scale = np.ascontiguousarray(np.sqrt(weighted.step_weight[:, :count]).T)
-    scale = np.ascontiguousarray(np.sqrt(weighted.reading_weight).T)
-    shown = [(m, j) for m in range(len(scale)) for j in range(total) if np.any(seen[m, j])]
-    half = 0.5 * np.where(setup.drive.linked, np.diff(setup.drive.time_s), 0.0)
-    direct, crossed = np.zeros((probes, n, count + len(scale))), np.empty((probes, n, total))
-    asked = np.empty((total, n))
-    for k in range(probes):
-        step = step_scale * step_derivative(by_state, half, by_rate[k])
-        read = scale * by_output[k]
-        direct[k, :-1, :count], direct[k, :, count:] = step.T, read.T
-        step, read = step * step_scale, read * scale
-        asked[:] = 0.0
-        for m, j in shown:
-            asked[j] += read[m] * seen[m, j]
-        for j in range(total):
-            for i in range(count):
-                asked[j, :-1] += step[i] * by_state[i, j]
-        asked[:count, 1:] -= step
-        crossed[k] = asked.T
-    return direct, crossed
+    setup: Setup,
+    at: Linear,
+    weighted: Weighted,
+    by_rate: FloatArray,
+    by_output: FloatArray,
+    first: int,
+    last: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the whitened columns of the n rows from `first` to `last`, those of steps (n - 1, s, p) and of
+    readings (n, m, p), and their right-hand sides for the path, (p, n, t); nothing links these rows with
+    others."""
+    drive, states = setup.drive, by_rate.shape[1]
+    rows, links = slice(first, last), slice(first, last - 1)
+    half = 0.5 * np.where(drive.linked[links], np.diff(drive.time_s[rows]), 0.0)[:, None, None]
+    by_state = at.by_state[links, :states]
+    root = np.sqrt(weighted.step_weight[links, :states, None])
+    reading_root = np.sqrt(weighted.reading_weight[rows, :, None])
+    rate, read = (np.ascontiguousarray(one[:, :, rows].transpose(2, 1, 0)) for one in (by_rate, by_output))
+    step = by_state[:, :, :states] @ rate[:-1]
+    step += rate[1:]
+    step *= root * half
+    read *= reading_root
+    pulled = root * step
+    asked = np.swapaxes(reading_root * at.outputs_by_state[rows], 1, 2) @ read
+    asked[:-1] += np.swapaxes(by_state, 1, 2) @ pulled
+    asked[1:, :states] -= pulled
+    return step, read, np.moveaxis(asked, 2, 0)
 
 
 def step_derivative(by_state: FloatArray, half: FloatArray, by_rate: FloatArray) -> FloatArray:

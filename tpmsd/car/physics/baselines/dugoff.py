@@ -19,6 +19,8 @@ _MAX_LONGITUDINAL = 0.95
 """Largest share of friction taken by a longitudinal force: beyond it the root has no derivative."""
 _STILL_N = 1e-6
 """Linear force below which nothing slides, so that no division is by zero."""
+_LEAST = 1e-9
+"""Friction over twice the linear force, at least, for the same reason."""
 
 
 def grip_share(linear_n: FloatArray, friction: Real, load_n: FloatArray, shape: Real = 0.0) -> FloatArray:
@@ -27,19 +29,23 @@ def grip_share(linear_n: FloatArray, friction: Real, load_n: FloatArray, shape: 
     `linear_n` is over 1 + sigma; `shape` is 0 for Dugoff's law, 1 for the brush model, -1 for the Magic
     Formula and a mean of neighbours between. A contact without load carries nothing.
     """
-    limit = 0.5 * friction * np.maximum(load_n, 0.0) / np.maximum(linear_n, _STILL_N)
-    dugoff = np.minimum(limit, 1.0)
+    # with two bounds NumPy clips several numbers at once, which it does not for a maximum or a minimum
+    limit = 0.5 * friction * np.clip(load_n, 0.0, np.inf) / np.clip(linear_n, _STILL_N, np.inf)
+    dugoff = np.clip(limit, -np.inf, 1.0)
     dugoff = np.asarray((2.0 - dugoff) * dugoff)
     towards = np.asarray(shape)
     out = dugoff
-    if np.any(towards > 0.0):
-        x = 1.0 / (6.0 * np.maximum(limit, 1e-9))
-        inside = np.minimum(x, 1.0)
-        brush = np.where(x < 1.0, 1.0 - inside + inside**2 / 3.0, 1.0 / (3.0 * np.maximum(x, 1.0)))
+    if (towards > 0.0).any():
+        x = 1.0 / (6.0 * np.clip(limit, _LEAST, np.inf))
+        inside, beyond = np.clip(x, -np.inf, 1.0), np.clip(x, 1.0, np.inf)
+        # x = inside and beyond = 1 up to sliding, then x = beyond and inside = 1
+        brush = 1.0 - inside + inside * inside / 3.0 + (1.0 / beyond - 1.0) / 3.0
         out = out + np.maximum(towards, 0.0) * (brush - dugoff)
-    if np.any(towards < 0.0):
-        b = 1.0 / (2.0 * _SHAPE * np.maximum(limit, 1e-9))
-        magic = sine(_SHAPE * np.arctan(b - _CURVATURE * (b - np.arctan(b)))) / (_SHAPE * b)
+    if (towards < 0.0).any():
+        twice = 2.0 * np.clip(limit, _LEAST, np.inf)
+        b = 1.0 / (_SHAPE * twice)
+        bent = np.arctan((1.0 - _CURVATURE) * b + _CURVATURE * np.arctan(b))
+        magic = sine(_SHAPE * bent) * twice
         out = out + np.maximum(-towards, 0.0) * (magic - dugoff)
     return np.asarray(out)
 

@@ -60,10 +60,10 @@ class ThreeDof(Baseline):
 
     def _unlimited_forces(self, frame: Frame) -> Unlimited:
         """Return Dugoff's forces without limit: C tan(alpha) / (1 + sigma), C_sigma sigma / (1 + sigma)."""
-        slip, angle = pad_axes(slip_of_axle_forces(frame), frame.angle)
-        lengthened = 1.0 + slip
-        side = like(frame.stiffness, angle) * np.tan(angle) / lengthened
-        along = frame.longitudinal * slip / lengthened
+        share, angle = pad_axes(slip_force_shares(frame), frame.angle)
+        # 1 / (1 + sigma) is 1 - F / C_sigma
+        side = like(frame.stiffness, angle) * np.tan(angle) * (1.0 - share)
+        along = frame.longitudinal * share
         # cosine and sine by the tangent of half the angle, which takes a fifth of their time
         half = np.tan(0.5 * (frame.steer + frame.turned_front))
         square = half * half
@@ -102,14 +102,14 @@ def _side_force_by_ellipse(frame: Frame, side: FloatArray, load: FloatArray) -> 
     assert frame.friction is not None
     front, rear = (0.5 * np.asarray(one) for one in axle_forces(frame))
     longitudinal = stack_contacts(front, front, rear, rear)
-    longitudinal, load, slip, side = pad_axes(longitudinal, load, slip_of_axle_forces(frame), side)
+    longitudinal, load, share, side = pad_axes(longitudinal, load, slip_force_shares(frame), side)
     left = load * lateral_friction_share(longitudinal, frame.friction, load)
-    alone = side * (1.0 + slip)
+    alone = side / (1.0 - share)
     return alone * grip_share(np.abs(alone), frame.friction, left, frame.tyre_shape)
 
 
-def slip_of_axle_forces(frame: Frame) -> FloatArray:
-    """Return the (4, ...) longitudinal slip at which wheels carry their shares of drive and brake force."""
+def slip_force_shares(frame: Frame) -> FloatArray:
+    """Return F / C_sigma = sigma / (1 + sigma) of the wheels, (4, ...), which carry their shares of drive and
+    brake force."""
     halves = [0.5 * np.asarray(one) / frame.longitudinal for one in axle_forces(frame)]
-    force = np.clip(stack_contacts(*halves), -MAX_SLIP_FORCE, MAX_SLIP_FORCE)
-    return np.repeat(force / (1.0 - force), 2, axis=0)
+    return np.repeat(np.clip(stack_contacts(*halves), -MAX_SLIP_FORCE, MAX_SLIP_FORCE), 2, axis=0)
