@@ -436,8 +436,7 @@ class Config:
     """File from which the configuration was read."""
 
     def bus_radius_m(self, wheel: int) -> float:
-        """Return the radius (m) by which a wheel's road speed from the bus is divided to give its rotation
-        rate."""
+        """Return the radius (m) by which a wheel's road speed is divided to give its rotation rate."""
         return self.calibration.bus_radius_m[wheel] or self.vehicle.wheel_radius_m[wheel]
 
     @property

@@ -106,8 +106,9 @@ def _course_fit_at_track(
 
 
 def _instrumented_design(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
-    """Return the design with the columns of the yaw rate regressed on the receiver's yaw rate (instrumental
-    variables).
+    """Return the design with the yaw rate's columns regressed on the receiver's yaw rate.
+
+    The receiver's yaw rate is the instrumental variable.
 
     On a motorway a count of one wheel is as large as a cell's yaw rate, which would draw the coefficients of
     latency, antenna and side slip to zero, each by its own share. The receiver's errors are others:

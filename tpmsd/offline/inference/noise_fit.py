@@ -73,8 +73,7 @@ class Data:
     """Priors of the noise: median and logarithmic spread by parameter."""
 
     def estimable(self, names: Iterable[str] = LIMITS) -> list[str]:
-        """Return the parameters of `names` that a state of the drive depends on and a measured channel
-        shows."""
+        """Return those of `names` that a state of the drive depends on and a measured channel shows."""
         seen = np.atleast_1d(self.space.here.any(axis=0))
         return [
             name

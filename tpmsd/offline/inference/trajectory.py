@@ -212,8 +212,9 @@ def _has_gyro(recording: Recording) -> bool:
 
 
 def _yaw_smoothing_s(recording: Recording, car: Car) -> float:
-    """Return the width (s) of the Gaussian behind which the rear wheels' rounding leaves `YAW_ERROR_RADPS` of
-    yaw rate.
+    """Return the width (s) of the Gaussian that smooths the wheels' yaw rate to `YAW_ERROR_RADPS`.
+
+    The error is that of the rear wheels' rounding.
 
     What a coarse ring leaves of it in the heading's course within a second looks like anything that is later
     or smoother than the wheels: a receiver's lag is not distinguished from a low-pass.
@@ -225,8 +226,9 @@ def _yaw_smoothing_s(recording: Recording, car: Car) -> float:
 
 
 def _gaussian_width_s(scatter: float, every_s: float, rate_error: float) -> float:
-    """Return the width (s) of the Gaussian behind which the rate of a signal with white errors has
-    `rate_error`.
+    """Return the width (s) of the Gaussian that smooths a signal's rate to an error of `rate_error`.
+
+    The signal has white errors.
 
     White errors of standard deviation s, one per T seconds, leave s T^(1/2) / (2 pi^(1/4) w^(3/2)) of a
     rate behind a Gaussian of width w.

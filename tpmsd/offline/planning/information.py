@@ -76,8 +76,9 @@ def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str])
 
 
 def _expected_gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> float:
-    """Return the log-likelihood gain (nats) of the effect with its first wheel pattern and the middle of its
-    grid.
+    """Return the log-likelihood gain (nats) of an effect on its first wheels, mid-grid.
+
+    Wheels and grid values are those of its first wheel pattern and the middle of its grid.
     """
     own = _effect_columns(names, effect)
     others = [k for k, name in enumerate(names) if name[0] != effect]

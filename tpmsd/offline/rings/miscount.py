@@ -51,8 +51,9 @@ def _true_teeth(teeth: float, off: float, least: float) -> float | None:
 
 
 def with_single_ring_corrected(recording: Recording) -> Recording:
-    """Return the recording with the angles rescaled of a wheel whose ring clearly has another number of
-    teeth; else unchanged.
+    """Return the recording with the angles rescaled of a wheel that has another number of teeth.
+
+    Unchanged where no ring clearly has.
 
     A wheel that shows far fewer turns than the others over the whole drive: bends to either side cancel.
     """
@@ -69,8 +70,9 @@ def with_single_ring_corrected(recording: Recording) -> Recording:
 
 
 def with_all_rings_corrected(recording: Recording, radii_m: FloatArray) -> Recording:
-    """Return the recording with all angles rescaled where all rings have another number of teeth than is
-    configured; `radii_m` (4,) are those that the configured number gives.
+    """Return the recording with all angles rescaled where all rings have another number of teeth.
+
+    Another than is configured; `radii_m` (4,) are those that the configured number gives.
     """
     if not _has_rings(recording) or any(count is not None for count in recording.counts_per_rev):
         return recording

@@ -228,8 +228,10 @@ def _lost_counts_by_variance_growth(values: FloatArray) -> float:
 
 
 def _misfit_of_random_losses(values: FloatArray, mean: float) -> float:
-    """Return the log-likelihood (nats) by which sums over a few windows are less likely with the scatter of
-    random losses, `mean` in each window and a bounded error, than with a scatter of any size.
+    """Return how much less likely (nats) random losses are than a scatter of any size.
+
+    Sums over a few windows are compared: random losses, `mean` in each window, have a scatter of their own
+    beside a bounded error.
     """
     bounded = max(float(values.var()) - mean, 0.0)
     lost = 0.0

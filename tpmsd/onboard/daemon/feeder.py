@@ -53,8 +53,10 @@ class Feeder:
     def feed(
         self, now_s: float, monotonic_s: float, faults: Callable[[float], list[SourceFault]]
     ) -> list[Step]:
-        """Feed the pipeline with the inputs that are due at `now_s` (wall clock) and return its steps;
-        `faults`: the links' faults at a time."""
+        """Feed the pipeline with the inputs due at `now_s` (wall clock); return its steps.
+
+        `faults`: the links' faults at a time.
+        """
         until_s = rounded_stamp_s(now_s - self._grace_s)
         steps: list[Step] = []
         if self._clock_stepped(now_s, monotonic_s):

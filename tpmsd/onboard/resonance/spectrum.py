@@ -110,8 +110,7 @@ class Spectrum:
             self.weight_squares += 1.0
 
     def is_rounding_limited(self, rounding_density: float) -> bool:
-        """Return whether the signal's rounding makes up so much of the density that its pattern may look like
-        a resonance."""
+        """Return whether rounding makes up so much of the density that it may look like a resonance."""
         return rounding_density > ROUNDING_SHARE * float(median(self.mean()))
 
     def fade(self, share: float) -> None:

@@ -302,8 +302,7 @@ class WheelCounter:
         self._released = True
 
     def _possible_bits(self, interval: float, period_s: float) -> tuple[int, float]:
-        """Return the least (rounded up) and greatest number of bits that the wheel can have moved in an
-        interval, s."""
+        """Return the least (rounded up) and most bits that the wheel can have moved in an interval, s."""
         # The sender's clock ticks on when a frame is held up, and its count may be a period old.
         stamp_s = period_s + abs(interval - period_s)
         limit = self._max_speed * (interval + (period_s if period_s > 0.0 else interval))

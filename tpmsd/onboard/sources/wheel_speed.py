@@ -242,8 +242,7 @@ class WheelSpeedIntegrator:
         return sum(abs(change) >= SETTINGS.frozen_mps for change in others_change_mps) >= needed
 
     def shows_noise(self, step_radps: float) -> bool:
-        """Return whether a signal of this resolution is fine enough to show the noise that every wheel speed
-        has."""
+        """Return whether a signal of this resolution shows the noise that every wheel speed has."""
         return abs(step_radps) * self.radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:

@@ -63,8 +63,10 @@ class _Playback:
         return self._time_s[frame_index - self.decoded.start]
 
     def next_due_frame(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
-        """Return the index of the first frame from `start` on that reaches `due_s` (logical) or passes the
-        deadline (host); at most `stop`."""
+        """Return the index of the first frame from `start` on at which a tick is due; at most `stop`.
+
+        That is a frame which reaches `due_s` (logical) or passes the deadline (host).
+        """
         origin = self.decoded.start
         frame_index = bisect_left(self._now_s, due_s) + origin
         if deadline_s < math.inf:

@@ -165,8 +165,10 @@ def _horizon(latitude_rad: float, longitude_rad: float) -> _Horizon:
 
 
 def _arc_per_projection(flat: float, chord: float, height_m: float) -> float:
-    """Return the length along the curved earth over its projection `flat` into the tangent plane (azimuthal
-    equidistant) of a chord from the anchor, which lies at this height."""
+    """Return arc length over projected length `flat` of a chord from the anchor at this height.
+
+    The arc runs along the curved earth, the projection into the tangent plane (azimuthal equidistant).
+    """
     radius = _MEAN_RADIUS_M + height_m
     if chord < _NEAR_M:
         return 1.0 + (flat / radius) ** 2 / 6.0

@@ -64,8 +64,9 @@ class UtcOffsetTracker:
         self.status = "no_utc"
 
     def update(self, arrival_s: float, utc_s: float) -> float:
-        """Return the host time (s) at which a fix was valid that arrived at `arrival_s` and says `utc_s` of
-        itself.
+        """Return the host time (s) at which a fix was valid; update the offset of UTC by it.
+
+        It arrived at `arrival_s` and states `utc_s`.
 
         NaN for `utc_s` means that it says nothing. Never raises.
         """

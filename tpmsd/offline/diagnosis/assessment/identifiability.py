@@ -33,8 +33,7 @@ class EffectIdentifiability:
 
     @property
     def identifiable(self) -> bool:
-        """True if an effect of the usual size would gain enough log-likelihood on the drive to be
-        identified."""
+        """True if an effect of the usual size would gain enough log-likelihood to be identified."""
         return self.expected_gain >= SETTINGS.assessment.identifiable_nats
 
 
@@ -104,8 +103,10 @@ def _principal_cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> f
 
 
 def separating_manoeuvre(effect: str, confounded_with: tuple[str, ...]) -> str:
-    """Return a recommended manoeuvre that separates an effect from the first effect with which it is
-    confounded; empty where there is none."""
+    """Return the manoeuvre that separates an effect from the first one that it is confounded with.
+
+    Empty where there is none.
+    """
     if not confounded_with:
         return ""
     known = (

@@ -129,8 +129,7 @@ def single_losses_of(drive: DriveRegression, fit: LeastSquaresFit) -> SingleLoss
 
 
 def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) -> Finding:
-    """Return counts that a wheel loses (rate above zero) or adds (rate below zero) one by one as a
-    finding."""
+    """Return the finding of counts that a wheel loses (positive rate) or adds one by one."""
     kind, other = (MISSED, ADDED) if one.rate_per_s > 0.0 else (ADDED, MISSED)
     gain = one.gain + one.unlike
     return Finding(

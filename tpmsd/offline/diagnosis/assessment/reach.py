@@ -56,8 +56,10 @@ class Reach:
 
     @property
     def share(self) -> float | None:
-        """Return the fraction (0 to 1) of the reachable log-likelihood gain that the found model reached;
-        None where nothing was found and nothing is left."""
+        """Return the share of the reachable log-likelihood gain that the found model reached, 0 to 1.
+
+        None where nothing was found and nothing is left.
+        """
         found, left = max(self.found, 0.0), max(self.left, 0.0)
         return None if found == 0.0 and not self.structured else found / (found + left)
 

@@ -93,8 +93,10 @@ def ratio_limits(term: Term) -> tuple[float, float] | None:
 
 
 def nats_against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:
-    """Return the least log-likelihood (nats) that a term loses if the ratio of its two values is within its
-    effect's limits."""
+    """Return the least log-likelihood (nats) that a term loses where physics limits its values' ratio.
+
+    The ratio is that of its two values, the limits are those of its effect.
+    """
     limits = ratio_limits(term)
     if limits is None or limits[0] * values[0] ** 2 <= values[0] * values[1] <= limits[1] * values[0] ** 2:
         return 0.0

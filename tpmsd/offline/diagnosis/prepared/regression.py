@@ -90,8 +90,7 @@ class Regression:
         )
 
     def copied(self) -> Regression:
-        """Return a copy to which columns and hypotheses may be added while this regression stays what it
-        is."""
+        """Return a copy whose columns and hypotheses may be extended without a change of this one."""
         out = self.with_noise({})
         out.hypotheses = copy.copy(self.hypotheses)
         out.hypotheses.catalogue = list(self.hypotheses.catalogue)

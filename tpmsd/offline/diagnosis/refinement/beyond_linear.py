@@ -33,8 +33,10 @@ from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 def prune_by_exact_responses(
     regression: Regression, selection: Selection, evidence: Evidence, last: bool = False
 ) -> Selection:
-    """Return the selection without terms whose gain is below the penalty once the others act by their exact
-    responses."""
+    """Return the selection without terms that gain too little beside the others' exact responses.
+
+    Too little is less than the penalty.
+    """
     selector = Selector(evidence, regression.hypotheses, last)
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:
         others = [other.term for other in selection.chosen if other is not one]

@@ -21,8 +21,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def relinearised(regression: Regression, selection: Selection) -> Regression:
-    """Return the regression with the calibrated radii and the chosen effects as the new origin of each
-    drive."""
+    """Return the regression linearised about the calibrated radii and the chosen effects."""
     shorter = damped_values(regression, selection)
     fitted = selection.fit.design @ (selection.fit.values if shorter is None else shorter)
     values_of = _values_of(selection, shorter)

@@ -87,8 +87,10 @@ def acts_on_all_read_wheels(regression: Regression, term: Term) -> bool:
 
 
 def _with_instrument_effects(regression: Regression, selection: Selection, evidence: Evidence) -> Selection:
-    """Return the selection with the first uncertain term replaced by the instrument's effect that it is
-    tested with."""
+    """Return the selection with its first uncertain term replaced by the instrument's effect.
+
+    That is the effect which the term is tested with.
+    """
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
         joint = one.term.kind_of.confounding.tested_jointly_with

@@ -78,8 +78,7 @@ def _outliers_down_weighted(regression: Regression, design: FloatArray, event: T
 
 
 def _selected_without_events(regression: Regression, evidence: Evidence, event: Term) -> Selection:
-    """Return the selection by the rules of a verdict where no event may act on the wheels of the removed
-    one."""
+    """Return the final selection where no event may act on the wheels of the removed one."""
     barred = frozenset(replace(event, effect=name).key for name in EVENTS)
     selection = Selector(evidence, regression.hypotheses, last=True, barred=barred).select()
     return (

@@ -221,6 +221,8 @@ def handicap(shape: Term) -> float:
 
 
 def dependent_fraction(gain: float, kept: float) -> float:
-    """Return the fraction (0 to 1) of an effect's confidence that depends on the part an alternative
-    replaces; `kept` of the `gain` does not."""
+    """Return the share (0 to 1) of an effect's confidence that an alternative could take from it.
+
+    That is the part which the alternative replaces; `kept` of the `gain` does not depend on it.
+    """
     return min(1.0, (1.0 - kept / gain) / SETTINGS.selection.independent_share)

@@ -541,8 +541,10 @@ class Selector(Candidates):
         return out
 
     def _nonlinear_gain_difference(self, rest: list[Term], alternative: Term, term: Term) -> float:
-        """Return how much more an alternative's exact response gains beyond its linear one than the term's
-        does (nats); 0 for a spline term."""
+        """Return an alternative's gain by nonlinearity less that of the term, nats; 0 for a spline term.
+
+        Gain by nonlinearity is that of the exact response less that of the linear one.
+        """
         if alternative.nonparametric or term.nonparametric:
             return 0.0
         return self.beyond([*rest, alternative]) - self.beyond([*rest, term])

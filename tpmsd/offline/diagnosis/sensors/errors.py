@@ -34,8 +34,10 @@ class SensorError:
 
 
 def fit_sensor_errors(reader: Reader) -> list[SensorError]:
-    """Return the least-squares estimate and standard deviation of each sensor-error parameter that the drive
-    identifies, of sound sensors too; empty on too short a drive."""
+    """Return estimate and standard deviation of each error of a sensor that the drive identifies.
+
+    Least squares; of sound sensors too; empty on too short a drive.
+    """
     rows = rows_of(reader)
     probes = [probe for probe, reads in sensor_probes() if set(reads) & set(rows)]
     if not rows or not probes:

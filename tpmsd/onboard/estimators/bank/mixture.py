@@ -210,8 +210,9 @@ class MixtureBelief:
         self._correct(measurements.Scalar(fix.north_m - north, row, variance), weights)
 
     def _reading_heading(self, tick: Tick) -> float:
-        """Return the counters' reading error at one instant (half of a tick's variance) as an error of
-        heading, rad.
+        """Return the counters' reading error at one instant as an error of heading, rad.
+
+        Half of a tick's variance.
         """
         std_rad, radius_m = tick.rotation_std_rad.tolist(), self._car.nominal_m.tolist()
         rolls = [std_rad[wheel] * radius_m[index] for index, wheel in enumerate(self._car.order[:2])]

@@ -57,8 +57,7 @@ class ParticleBank(Bank):
         self.noise_factor[indices] = self.noise_factor[parents]
 
     def set_levels(self) -> None:
-        """Set the noise of distance and heading and the drift of the radii to the values that theta
-        states."""
+        """Set the noise of distance and heading and the radius drift to the values of theta."""
         self.noise_factor[:] = np.exp(self.theta[0])
         self.level[:] = np.exp(self.theta[1] + self.theta[2:]).T
 

@@ -332,7 +332,8 @@ class Judge:
         *,
         whole: bool,
     ) -> list[Window]:
-        """Return each window of onsets with the fractions of a subset's change that count as losses in it;
+        """Return the windows of onsets, each with the share of a subset's change that counts as a loss.
+
         `drive`: the drive as a whole; `whole`: the mean counts for several tyres as well.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and

@@ -224,8 +224,10 @@ class TyreSetBaseline:
         )
 
     def observe(self, estimate: RadiusEstimate, nuisance_m2: FloatArray) -> None:
-        """Add a second of driving to the samples of the last minutes and to the evidence of the drive;
-        `nuisance_m2` as in `changes`."""
+        """Add a second of driving to the last minutes' samples and to the evidence of the drive.
+
+        `nuisance_m2` as in `changes`.
+        """
         now = self._sample(estimate)
         if now is None:
             return

@@ -35,8 +35,10 @@ _DZ = struct.Struct("<4s4xQQ2sBBLQQ")
 
 
 def check_blf(file: BinaryIO) -> None:
-    """Raise ValueError for an object of a BLF log that states an impossible size or unpacks to more than it
-    may; other damage is left to the reader to report."""
+    """Raise ValueError for an object of a BLF log whose size is impossible or too large unpacked.
+
+    Other damage is left to the reader to report.
+    """
     start = file.read(8)
     if len(start) < 8 or start[:4] != b"LOGG":
         return

@@ -231,8 +231,7 @@ class _ComparisonList:
 
 
 def can_filters(config: Config, database: Database, bus: int = 0) -> list[dict[str, Any]]:
-    """Return the filters for python-can that let through exactly the ids of a bus in which there is a needed
-    signal."""
+    """Return python-can's filters that let through the ids of a bus with a needed signal alone."""
     return [
         {
             "can_id": key & 0x1FFFFFFF,

@@ -23,8 +23,10 @@ EARTH_M_PER_DEG = 111_320.0
 
 
 def clock_offset(items: Iterable[object], decoder: CanDecoder, radius_m: float) -> Alignment | None:
-    """Return the alignment of the receiver's UTC with the host clock by the speeds of rear left wheel and
-    receiver."""
+    """Return the alignment of the receiver's UTC with the host clock.
+
+    By the speeds of the rear left wheel and the receiver.
+    """
     series = _SpeedSeries(radius_m)
     assembler = NmeaAssembler()
     for item in items:
