@@ -557,6 +557,35 @@ def test_docstrings_are_sentences() -> None:
     assert [] == faults
 
 
+def unfinished_first_lines(source: str) -> list[str]:
+    """Return the functions whose docstring has a first line that states nothing: its statement goes on in the
+    next line and has no part before a stop."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        first, *others = (ast.get_docstring(node) or "").split("\n\n")[0].splitlines() or [""]
+        if others and not re.search(r",|[;.:] ", first):
+            found.append(node.name)
+    return found
+
+
+def test_first_lines_state_the_result() -> None:
+    """What a function does or returns is in the first line of its docstring; the next ones may add to it."""
+    found = {path.relative_to(REPO).as_posix(): unfinished_first_lines(read(path)) for path in modules()}
+
+    assert {} == {name: functions for name, functions in found.items() if functions}
+
+
+def test_the_watch_over_first_lines_sees() -> None:
+    """A statement that is cut in two is found; one that ends, or whose addition is cut, is let through."""
+    cut = 'def f():\n    """Return the radius of each wheel that the\n    bus has."""'
+    added = 'def f():\n    """Return the radii of the bus, m; NaN of the\n    others."""'
+
+    assert ["f"] == unfinished_first_lines(cut)
+    assert [] == unfinished_first_lines(added)
+
+
 def test_finished_packages_are_in_terms_of_the_field() -> None:
     """No docstring of the packages of `TERMS_DONE` opens as a fragment, and no name has a word of `TERMS`."""
     faults = []

@@ -144,8 +144,10 @@ def _best_series(
 
 
 def _role_evidence(one: Series, role: str, aim: FloatArray, moving: np.ndarray) -> tuple[float, float] | None:
-    """Return the evidence (nats) for a signal in a role and its correlation with the role's target `aim`;
-    None where neither unit nor name fits, or it does not follow."""
+    """Return the evidence (nats) for a signal in a role and its correlation with the target `aim`.
+
+    None where neither unit nor name fits, or the signal does not follow the role's target.
+    """
     fits = _unit_fits_role(one.field.unit, role)
     word = role_evidence(one.field.signal, role)
     if fits is False or (fits is None and word == 0.0):  # a correlation alone names nothing

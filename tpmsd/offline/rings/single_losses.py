@@ -171,9 +171,10 @@ def _distance_residuals(
 
 
 def _other_direction_log_likelihood(level: FloatArray, mine: FloatArray, size: int) -> float:
-    """Return the log-likelihood of scatter in the best of all directions less that of scatter in a wheel's
-    direction, nats: of residuals (w, r) in `size` dimensions, and of their part (w,) in the wheel's
-    direction; the noise is the same in all others.
+    """Return by how much (nats) scatter in the best of all directions is likelier than in a wheel's.
+
+    `level` (w, r) are residuals in `size` dimensions, `mine` (w,) their part in the wheel's direction; the
+    noise is the same in all others.
     """
     if size < 2:
         return 0.0

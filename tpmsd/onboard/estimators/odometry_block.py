@@ -224,8 +224,11 @@ def moving_mean(values: list[float], size: int) -> list[float]:
 
 
 def _doppler_motion(fixes: list[Fix]) -> tuple[float, float, float, float]:
-    """Return the distance (m) by the receiver's speed between the first fix and the last (NaN with too long a
-    gap), the change of speed (m/s), its noise over the usual one, and its greatest swing (m/s)."""
+    """Return distance and change of speed by the receiver's speed, its noise and its greatest swing.
+
+    Distance (m) between the first fix and the last (NaN with too long a gap), change (m/s), noise over the
+    usual one, swing (m/s).
+    """
     steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
     travel = sum((before + after) / 2 * span_s for before, after, span_s in steps)
     change = fixes[-1].speed_mps - fixes[0].speed_mps

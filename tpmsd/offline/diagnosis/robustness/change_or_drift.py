@@ -182,8 +182,10 @@ def _total_needed_gain(terms: Sequence[Term]) -> float:
 
 
 def add_velocity_error(found: FoundTerms) -> FoundTerms:
-    """Return the findings with the constant error of the receiver's velocity that is likelier than slow noise
-    of its speed; single drives only."""
+    """Return the findings with the constant error of the receiver's velocity, where it is likelier.
+
+    Likelier than slow noise of its speed; single drives only.
+    """
     regression, drive = found.regression, found.regression.drives[0]
     if len(regression.drives) > 1:
         return found

@@ -223,8 +223,8 @@ class Selector(Candidates):
         return gain / self.variance_ratio(terms, which) - terms[which].penalty
 
     def _surplus_over_splines(self, terms: list[Term], which: int) -> float:
-        """Return an effect's penalised gain less the least that it needs where spline terms may replace it
-        (nats).
+        """Return an effect's penalised gain less what it needs where spline terms may replace it, nats.
+
         A shape is one of many that would do. What its form leaves looks like an effect as far as shapes on
         those wheels can take its place; and on which wheels it acts is one of several answers, so the effect
         must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
@@ -260,8 +260,9 @@ class Selector(Candidates):
         return [t for t in terms if t.nonparametric and t.covariate == effect.identification.shows_in[1]]
 
     def _splines_over_other_covariates(self, terms: list[Term], which: int) -> list[Term]:
-        """Return the spline terms of wheels among the terms over another covariate than that of an effect
-        which, like them, shows in differences between wheels, and is not of one wheel alone.
+        """Return the spline terms of wheels among the terms over another covariate than an effect's.
+
+        Those that, like the effect, show in differences between wheels, and are not of one wheel alone.
         """
         term = terms[which]
         effect = term.kind_of
@@ -281,9 +282,11 @@ class Selector(Candidates):
         )
 
     def _terms_to_distinguish(self, terms: list[Term], which: int) -> list[Term]:
-        """Return the terms that an effect must be distinguished from where spline terms act over its
-        covariate: a shape of its own for each axle, unless that is the effect in other words, and the effects
-        that it names itself."""
+        """Return the terms that an effect must be distinguished from where splines share its covariate.
+
+        A shape of its own for each axle, unless that is the effect in other words, and the effects that it
+        names itself.
+        """
         over = self._splines_over_its_covariate(terms, which)
         if not over:
             return []
@@ -353,9 +356,10 @@ class Selector(Candidates):
         return by_gain or by_scatter if one[1].nonparametric else by_gain and by_scatter
 
     def _may_stay(self, terms: list[Term]) -> bool:
-        """Return whether the last of some terms may stand jointly with the others and a backward step keeps
-        it.
-        What could not be added, or falls for its scatter from block to block, takes no other term's place.
+        """Return whether the last of some terms is admitted beside the others and not removed again.
+
+        A backward step must keep it. What could not be added, or falls for its scatter from block to block,
+        takes no other term's place.
         """
         last = len(terms) - 1
         least = SETTINGS.selection.needed_share * self._least_gain_needed(terms[:last], terms[last])
