@@ -29,7 +29,7 @@ class Identifiers:
     """The allow-list: identifiers that may be sent."""
 
     def read(self, value: object) -> tuple[int, ...]:
-        """Return the identifiers."""
+        """Return the identifiers; BadValueError if the value is no list of them."""
         if not isinstance(value, list) or len(value) > MAX_IDENTIFIERS:
             raise BadValueError("not a list", show(value), f"up to {MAX_IDENTIFIERS} identifiers, [0x3A0]")
         return tuple(WholeNumber(0, LONGEST_ID, base=16).read(one) for one in value)

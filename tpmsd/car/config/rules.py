@@ -47,7 +47,7 @@ class Number:
     open: bool = False
 
     def read(self, value: object) -> float:
-        """Return the number as float."""
+        """Return the value as float; BadValueError if it is no finite number in the range."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             suggestion = None
             if isinstance(value, str) and self._holds(_number_in(value)):
@@ -88,7 +88,7 @@ class WholeNumber:
     base: int = 10
 
     def read(self, value: object) -> int:
-        """Return the number as int; 115200.0 is one, too."""
+        """Return the value as int, also of 115200.0; BadValueError if it is no whole number in the range."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadValueError("not a whole number", show(value), self.allowed)
         if isinstance(value, float) and not value.is_integer():  # NaN and the infinities are none either
@@ -118,7 +118,7 @@ class Flag:
     """True or false."""
 
     def read(self, value: object) -> bool:
-        """Return the flag."""
+        """Return the value; BadValueError if it is neither true nor false."""
         if not isinstance(value, bool):
             raise BadValueError("not a flag", show(value), "true or false")
         return value
@@ -131,7 +131,7 @@ class Choice:
     words: tuple[str, ...]
 
     def read(self, value: object) -> str:
-        """Return the word."""
+        """Return the value; BadValueError if it is none of `words`."""
         if value not in self.words:
             suggestion = nearest(value, self.words) if isinstance(value, str) else None
             raise BadValueError("not one of the choices", show(value), " | ".join(self.words), suggestion)
@@ -154,7 +154,7 @@ class IncreasingNumbers:
     each: Number
 
     def read(self, value: object) -> tuple[float, ...]:
-        """Return the numbers."""
+        """Return the numbers; BadValueError if the value is no list of 2 to 50 that rise."""
         allowed = f"a list of 2 to 50 rising numbers, {self.each.allowed}"
         if not isinstance(value, list):
             raise BadValueError("not a list", show(value), allowed)
@@ -174,7 +174,7 @@ class Words:
     choices: tuple[str, ...] = ()
 
     def read(self, value: object) -> tuple[str, ...]:
-        """Return the texts."""
+        """Return the texts; BadValueError if the value is no list of them, or one is no choice."""
         allowed = f"a list of up to {self.most} texts" + (
             f" of {' '.join(self.choices)}" if self.choices else ""
         )
@@ -193,7 +193,7 @@ class TyreSize:
     """A tyre's size as on its side wall."""
 
     def read(self, value: object) -> str:
-        """Return the size without blanks around it."""
+        """Return the size without blanks around it; BadValueError if it is none."""
         text = _nonempty_text(value, _SIZE_ALLOWED).strip()
         if TYRE_SIZE.match(text) is None:
             raise BadValueError("not a tyre's size", show(text), _SIZE_ALLOWED)
@@ -205,7 +205,7 @@ class ChannelName:
     """A CAN channel: a name such as can0, or a number as some interfaces have it."""
 
     def read(self, value: object) -> str:
-        """Return the channel's name."""
+        """Return the channel's name; BadValueError if the value is none."""
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 256:
             return str(value)
         return _nonempty_text(value, "a text in quotes such as 'can0', or a number from 0 to 255").strip()

@@ -39,7 +39,7 @@ class WhenSignal:
     """True if a signal alone, without options, will do."""
 
     def read(self, value: object) -> Condition:
-        """Return the comparison."""
+        """Return the comparison; BadValueError if the value is none."""
         text = Text().read(value)
         match = _CONDITION.match(text)
         if match is None:
@@ -99,7 +99,7 @@ class SignalEntry:
     role: str
 
     def read(self, value: object) -> tuple[str, SignalOptions]:
-        """Return the name and options."""
+        """Return the signal's name and its options; BadValueError if the value states none."""
         if not isinstance(value, dict):
             return SignalName().read(value), SignalOptions()
         keys: dict[str, _KeyRule] = {
@@ -159,7 +159,7 @@ class TeethTable:
     each: Number
 
     def read(self, value: object) -> float | dict[str, float]:
-        """Return the number, or wheel -> number."""
+        """Return the number of teeth of all wheels, or of each by its name; BadValueError else."""
         if not isinstance(value, dict):
             return self.each.read(value)
         for wheel in value:
