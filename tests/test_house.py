@@ -463,7 +463,10 @@ TERMS_DONE = (
 """Packages whose docstrings and identifiers are in terms of the field; grows until it holds every package."""
 _FRAGMENT = re.compile(r"(What|Whether|Of|Which|Why|How|As|By|Where|The same|An? `[^`]+` that is)\b")
 """Opening words of a docstring that is no sentence and no noun phrase."""
-_NO_VERB = re.compile(r"(The|An?|All|One|Its?|Up|Back)\b")
+_NO_VERB = re.compile(
+    r"(The|An?|All|One|Its?|Up|Back|For|Per|Columns|Cumulative|Derivative|Edges|Gain|Gram|Knots|Logarithm|Mean|Nats"
+    r"|Names?|Numbers?|Penalty|Probability|Product|Root|Speed|Standard|Status|Sum|Truth|Wheels)\b"
+)
 """Opening words of a function's docstring without a verb; a property has a noun phrase, as a field."""
 TERMS: dict[str, str] = {
     **dict.fromkeys(("told", "tells", "telling"), "reported, stated, sent or cached"),

@@ -29,7 +29,7 @@ def wheel_speeds(
     geometry: WheelPositions,
     lateral_speed_mps: FloatArray | float = 0.0,
 ) -> FloatArray:
-    """Speed over ground of each wheel along its own rolling direction, shape (..., 4).
+    """Return the speed over ground of each wheel along its own rolling direction, shape (..., 4).
 
     The rear wheels point along the body: v -+ yaw_rate * track / 2 (eq. 6). A steered wheel rolls along the
     path of its own hub, so its speed is the hub's speed, whatever the steering ratio is; the tyre's slip

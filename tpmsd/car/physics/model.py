@@ -69,7 +69,7 @@ class ExtendedModel:
         return out
 
     def fix_age_s(self) -> float:
-        """Sum of the latencies."""
+        """Return the sum of the latencies."""
         return sum(effect.fix_age_s() for effect in self.effects)
 
     def velocity_age_s(self) -> float:
@@ -77,7 +77,7 @@ class ExtendedModel:
         return sum(effect.velocity_age_s() for effect in self.effects)
 
     def grade_factor(self) -> float:
-        """Product of the shares of the slopes that the wheels feel."""
+        """Return the product of the shares of the slopes that the wheels feel."""
         return float(np.prod([effect.grade_factor() for effect in self.effects]))
 
     def wheels_time_constant_s(self) -> float:
@@ -95,7 +95,7 @@ class ExtendedModel:
         return sum(front for front, _ in errors), sum(rear for _, rear in errors)
 
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
-        """Truth plus each effect's own error, so that a bias is not scaled."""
+        """Return the truth plus each effect's own error, so that a bias is not scaled."""
         out = true_radps.copy()
         for effect in self.effects:
             out += effect.read_yaw_rate(true_radps) - true_radps
@@ -144,14 +144,15 @@ class ExtendedModel:
         return out
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
-        """Sum of the tooth errors of one wheel; same shape as `angle_rad`."""
+        """Return the sum of the tooth errors of one wheel; same shape as `angle_rad`."""
         out = np.zeros_like(angle_rad)
         for effect in self.effects:
             out += effect.tooth_angle_error_rad(angle_rad, wheel)
         return out
 
     def true_teeth_per_rev(self, wheel: int, configured: float) -> float:
-        """True counts per revolution: those of the last effect that changes them, else as configured."""
+        """Return the true counts per revolution: those of the last effect that changes them, else as
+        configured."""
         teeth = configured
         for effect in self.effects:
             changed = effect.true_teeth_per_rev(wheel)

@@ -140,7 +140,8 @@ def driven_mask(driven_axle: str) -> NDArray[np.bool_]:
 
 
 def integrate(rate: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Cumulative trapezoidal integral over the first axis, 0 at the first time; same shape as `rate`."""
+    """Return the cumulative trapezoidal integral over the first axis, 0 at the first time; same shape as
+    `rate`."""
     steps = np.diff(time_s).reshape(-1, *([1] * (rate.ndim - 1)))
     out = np.zeros_like(rate)
     np.cumsum(0.5 * steps * (rate[1:] + rate[:-1]), axis=0, out=out[1:])

@@ -51,7 +51,7 @@ def indicated_angle(angle_rad: FloatArray, wheel: int, car: Car, model: Extended
 
 
 def indicated_rate_factor(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
-    """Derivative of `indicated_angle` by the true angle; same shape."""
+    """Return the derivative of `indicated_angle` by the true angle; same shape."""
     before, after = (
         model.tooth_angle_error_rad(angle_rad + step, wheel) for step in (-ANGLE_STEP_RAD, ANGLE_STEP_RAD)
     )

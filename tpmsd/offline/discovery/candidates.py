@@ -165,5 +165,5 @@ def _message_evidence(members: Sequence[Follower], order: Order) -> float:
 
 
 def _log_normal(x: float, std: float) -> float:
-    """Logarithm of a normal density of mean zero, without its constant."""
+    """Return the logarithm of a normal density of mean zero, without its constant."""
     return -0.5 * (x / std) ** 2 - float(np.log(std))

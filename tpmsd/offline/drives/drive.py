@@ -43,7 +43,7 @@ class Drive:
     """The configuration as text, where the drive has no folder."""
 
     def __repr__(self) -> str:
-        """Name, place or size, and wheels."""
+        """Return name, place or size, and wheels."""
         signals = self.config.can.signals
         wheels = [
             wheel for wheel in WHEELS if any(role == f"{kind}_{wheel}" for role in signals for kind in KINDS)

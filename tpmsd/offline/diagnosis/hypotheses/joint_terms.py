@@ -127,7 +127,7 @@ class JointHypotheses(Hypotheses):
         return out
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each drive and wheel the best ramp and its gain."""
+        """Return the best ramp of each drive and wheel, with its gain."""
         out = []
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
@@ -136,7 +136,7 @@ class JointHypotheses(Hypotheses):
         return out
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each drive and wheel the best pulse and its gain."""
+        """Return the best pulse of each drive and wheel, with its gain."""
         out = []
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
@@ -145,7 +145,7 @@ class JointHypotheses(Hypotheses):
         return out
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Gain of every common smooth term, and of the best of each drive."""
+        """Return the gain of every common smooth term, and of the best of each drive."""
         out = super().smooth_gains(gram, b)
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1

@@ -81,8 +81,9 @@ class DriveHypotheses(Hypotheses):
         return out
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel and axle the best pulse (a ramp up between two knots, one down between two others),
-        and the events that look so.
+        """Return the best pulse of each wheel and axle, and the events that look so, with their gains.
+
+        A pulse is a ramp up between two knots and one down between two others.
         """
         out = []
         middle = 0.5 * (self._knots_s[1:] + self._knots_s[:-1])
@@ -118,7 +119,7 @@ class DriveHypotheses(Hypotheses):
         return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven, axle)]
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel, and each pair that may change alike, the best ramp and its gain.
+        """Return the best ramp of each wheel, and of each pair that may change together, with its gain.
 
         All wheels that are read would show against the receiver alone, whose slow error looks alike.
         """

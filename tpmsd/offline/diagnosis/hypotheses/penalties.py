@@ -16,7 +16,7 @@ RAMPED_PATTERNS = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
 
 
 def grid_penalty(effect: type[Effect], at: float | None, second: float | None = None) -> float:
-    """Penalty of values of the parameters that enter nonlinearly."""
+    """Return the penalty of values of the parameters that enter nonlinearly."""
     if effect.nonlinear.grid is None or at is None:
         return 0.0
     more = effect.nonlinear.grid.second
@@ -26,8 +26,8 @@ def grid_penalty(effect: type[Effect], at: float | None, second: float | None = 
 
 
 def ramp_penalty(course: str = "") -> float:
-    """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
-    which takes no choice, less than of others."""
+    """Return the penalty of a change of radius: its value, and the choice of wheels and onset; of the
+    plainest course, which takes no choice, less than of others."""
     choices = len(RAMPED_PATTERNS) * SETTINGS.hypotheses.ramp_knots
     if course not in ("", FAULT.nonlinear.courses[0]):
         choices *= len(FAULT.nonlinear.courses)
@@ -35,5 +35,5 @@ def ramp_penalty(course: str = "") -> float:
 
 
 def spline_penalty(hats: int) -> float:
-    """Penalty of a smooth term: its heights, and the choice of its wheel pattern and covariate."""
+    """Return the penalty of a smooth term: its heights, and the choice of its wheel pattern and covariate."""
     return SETTINGS.hypotheses.per_value_nats * hats + math.log(SETTINGS.hypotheses.shapes)

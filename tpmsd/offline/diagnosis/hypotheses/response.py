@@ -202,7 +202,7 @@ def ramp_knots(reader: Reader) -> FloatArray:
 
 
 def ramp_columns(reader: Reader) -> Columns:
-    """Per wheel and pair of neighbouring knots: radius rising by a metre between the two and staying there.
+    """Return the columns of ramps: a radius that rises by a metre between two neighbouring knots and stays.
 
     Sums of neighbours are the ramps over longer times.
     """
@@ -220,7 +220,8 @@ def ramp_columns(reader: Reader) -> Columns:
 def smooth_knots(
     covariates: Mapping[str, FloatArray], stds: Mapping[str, float] = MappingProxyType({})
 ) -> dict[str, FloatArray]:
-    """Knots by covariate at quantiles of its values, where it varies; the first and last are 1 % and 99 %.
+    """Return the knots by covariate at quantiles of its values, where it varies; the first and last are 1 %
+    and 99 %.
 
     No two are nearer than four of the covariate's standard deviations `stds`.
     """
@@ -252,7 +253,7 @@ def _thinned_knots(knots: FloatArray, least: float) -> FloatArray:
 def smooth_columns(
     reader: Reader, knots: dict[str, FloatArray], stds: Mapping[str, float] = MappingProxyType({})
 ) -> Columns:
-    """Spline terms: on each wheel or reading and over each covariate, hat functions between the knots.
+    """Return the columns of spline terms: hat functions of each covariate on each wheel or reading.
 
     A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
     gyro's of its reading (rad/s).
@@ -279,7 +280,7 @@ def channel_of(pattern: str) -> int:
 
 
 def first_hat(pattern: str) -> int:
-    """Number of the first hat that a spline term on a wheel or reading needs.
+    """Return the number of the first hat that a spline term on a wheel or reading needs.
 
     All hats together are a constant. Calibration holds that of a wheel, so its first is left out. A reading
     has none: without its own, a spline of the gyro would need a bias fitted jointly.

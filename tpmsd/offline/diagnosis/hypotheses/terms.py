@@ -46,12 +46,12 @@ PULSED = ("fl", "fr", "rl", "rr", "front", "rear")
 
 
 def numbers_of(wheels: str) -> tuple[int, ...]:
-    """Numbers of wheels by name, with blanks between."""
+    """Return the numbers of wheels by name, with blanks between."""
     return tuple(WHEELS.index(wheel) for wheel in wheels.split())
 
 
 def wheels_of(pattern: str) -> tuple[int, ...]:
-    """Numbers of the wheels of a wheel pattern."""
+    """Return the numbers of the wheels of a wheel pattern."""
     return tuple(WHEELS.index(wheel) for wheel in PATTERNS[pattern])
 
 
@@ -217,7 +217,7 @@ class Hypotheses(ABC):
         self.catalogue.append(moved)
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
-        """Add a pulse off the grid."""
+        """Add a pulse in a span of time that is not on the grid of knots, with an exact column."""
         self.catalogue.append(
             self._pulse_term(like.effect, like.pattern, span_s, self._column_design(column))
         )
@@ -225,7 +225,7 @@ class Hypotheses(ABC):
     def add_shapes(
         self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
     ) -> None:
-        """Smooth terms over a term's covariate with finer knots, whose hats are these columns by wheel or
+        """Add smooth terms over a term's covariate with finer knots, whose hats are these columns by wheel or
         reading."""
         for pattern, members in patterns():
             if all(member in columns for member, _ in members):
@@ -255,16 +255,16 @@ class Hypotheses(ABC):
         return Term(effect, slip, (SLIPPING,), penalty, span_s=span_s, pattern=pattern)
 
     def mean_radius_m(self, pattern: str) -> float:
-        """Mean radius of the wheels of a pattern."""
+        """Return the mean radius of the wheels of a pattern."""
         return float(self.car.radius_m[list(wheels_of(pattern))].mean())
 
     @abstractmethod
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel and axle the best pulse, and the events that look so."""
+        """Return the best pulse of each wheel and axle, and the events that look so, with their gains."""
 
     @abstractmethod
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel, and each pair that may change alike, the best ramp and its gain."""
+        """Return the best ramp of each wheel, and of each pair that may change together, with its gain."""
 
     def shapes_over(self, like: Term) -> list[Term]:
         """Return all smooth terms over a term's covariate, of any pattern and knots."""
@@ -305,8 +305,8 @@ def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
 
 
 def wheels_acted_on(pattern: str) -> tuple[str, ...]:
-    """Wheels on which a term of this pattern acts, of either sign; none of a reading, all without a
-    pattern."""
+    """Return the wheels on which a term of this pattern acts, of either sign; none of a reading, all without
+    a pattern."""
     if not pattern:
         return WHEELS
     signed = ANTISYMMETRIC.get(pattern) or tuple((wheel, 1.0) for wheel in PATTERNS[pattern])

@@ -22,7 +22,7 @@ WHEEL_SLIP, SIDE_SLIP = "wheel_slip", "side_slip"
 
 
 def slip_columns(reader: Reader) -> list[tuple[tuple[str, ...], FloatArray]]:
-    """Names and columns (w, 9) of all slips that the car's wheels can have.
+    """Return the names and columns (w, 9) of all slips that the car's wheels can have.
 
     Wheel slip needs all four wheels: one axle alone shows much like GNSS latency and a driven axle's slip.
     """

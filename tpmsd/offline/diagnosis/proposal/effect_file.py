@@ -81,7 +81,7 @@ class {title}(Effect):
 
 
 def module_fields(proposal: Proposal, source: str, unit: str, reach: float) -> dict[str, Any]:
-    """Return what every effect's file says of its closed form.
+    """Return the values by name that the file of a proposed effect holds, whatever its kind.
 
     `source` says what was fitted, `unit` is that of what the effect acts on, and the coefficient's limits are
     `reach` times what was fitted.
@@ -105,7 +105,8 @@ def module_fields(proposal: Proposal, source: str, unit: str, reach: float) -> d
 
 
 def effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
-    """Name of the effect (its file is called so) and the module's text; `source` says what was fitted."""
+    """Return the name of the effect (its file is called so) and the module's text; `source` says what was
+    fitted."""
     signs = {word.removeprefix("-"): -1.0 if word[0] == "-" else 1.0 for word in proposal.on.split()}
     hook, unit = Effect.radius_change_m, "m"
     what, result, shape = "delta_r", "", "(n, 4) change of the radii in metres"

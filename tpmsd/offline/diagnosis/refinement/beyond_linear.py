@@ -103,8 +103,8 @@ def gain_beyond_linear(regression: Regression, selector: Selector, terms: Sequen
 def _likelihood_ratio(
     regression: Regression, selector: Selector, others: Sequence[Term], term: Term
 ) -> float:
-    """Log-likelihood (nats) of others and a term over that of the others alone, where all act by the forward
-    model.
+    """Return the log-likelihood (nats) of others and a term over that of the others alone, where all act by
+    the forward model.
 
     Two terms whose linear responses all but cancel have whatever is left of them at values that are far from
     small, and their exact responses cancel no more.
@@ -117,7 +117,7 @@ def _likelihood_ratio(
 
 
 def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term], term: Term) -> float:
-    """Log-likelihood that a term brings jointly with others which act by the forward model (nats)."""
+    """Return the log-likelihood gain (nats) of a term beside others that act by the forward model."""
     before = selector.design(others)
     design = np.concatenate([before, term.design], axis=1)
     acting = [drive.whitened_design(design) for drive in regression.drives]
@@ -131,8 +131,8 @@ def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term
 
 
 def _exact_gram(regression: Regression, null: ActingTerms, acting: Sequence[FloatArray]) -> FloatArray:
-    """Gram matrix (1 + k, 1 + k) of the data less the linearisation error of terms, and of columns, (w, 9, k)
-    of each drive."""
+    """Return the Gram matrix (1 + k, 1 + k) of the data less the linearisation error of terms, and of
+    columns, (w, 9, k) of each drive."""
     size = 1 + acting[0].shape[2]
     gram = np.zeros((size, size))
     for number, drive in enumerate(regression.drives):

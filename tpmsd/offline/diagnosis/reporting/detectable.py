@@ -126,6 +126,6 @@ def smallest_size(
 
 
 def _min_gain(selector: Selector, chosen: list[Term]) -> float:
-    """Nats beyond its penalty that the selection asks of a term beside those chosen."""
+    """Return the nats beyond its penalty that the selection asks of a term beside those chosen."""
     rest = max(selector.gain(chosen) - selector.gain([]), 0.0)
     return SETTINGS.selection.admit_nats + SETTINGS.selection.share_of_rest * rest

@@ -215,7 +215,7 @@ class _ReportParts:
 def _separate_findings(
     regression: Regression, selection: Selection, findings: Sequence[Finding]
 ) -> list[Finding]:
-    """Lost counts and sensors, which are looked for apart from the terms; not of a simulation.
+    """Return findings on lost counts and sensors, looked for apart from the terms; not of a simulation.
 
     Counts that are lost one by one are not asked for where something else of that name was found.
     """
@@ -375,7 +375,7 @@ def _gains_alone(regression: Regression, selector: Selector) -> tuple[tuple[str,
 def _rms_by_channel(
     regression: Regression, selection: Selection, evidence: Evidence
 ) -> dict[str, tuple[float, float]]:
-    """Root mean square of the whitened residual by channel, before and after."""
+    """Return the root mean square of the whitened residual by channel, before and after."""
     rolling = evidence.fit(regression.hypotheses.nuisance)
     fits = (rolling, selection.fit)
     left = [

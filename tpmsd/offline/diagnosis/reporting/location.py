@@ -65,7 +65,7 @@ def covariate_values(regression: Regression, term: Term, covariate: str | None) 
 
 
 def location_of(regression: Regression, term: Term) -> tuple[tuple[str, ...], str, str | None]:
-    """Wheels, channel and covariate of a term."""
+    """Return the wheels, channel and covariate of a term."""
     drives = [regression.drives[number] for number in regression.acting_drives(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
     if term.nonparametric:
@@ -83,7 +83,7 @@ def location_of(regression: Regression, term: Term) -> tuple[tuple[str, ...], st
 
 
 def _location_of_spline(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Wheels and channel of a spline term."""
+    """Return the wheels and channel of a spline term."""
     if term.pattern in RECEIVER:
         return (), term.pattern
     if term.pattern in ANTISYMMETRIC:
@@ -104,7 +104,7 @@ def _channel_by_receiver(drives: Sequence[DriveRegression], channel: str, covari
 
 
 def _acting_wheels(term: Term, drive: DriveRegression) -> tuple[str, ...]:
-    """Wheels on which an effect acts: those of its pattern, or those that it knows itself."""
+    """Return the wheels on which an effect acts: those of its pattern, or those that it knows itself."""
     if term.wheel:
         return tuple(term.wheel.split())
     if term.pattern:

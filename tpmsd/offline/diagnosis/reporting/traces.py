@@ -60,7 +60,7 @@ def traces(regression: Regression, selection: Selection, evidence: Evidence) -> 
 
 
 def _bin_edges(values: FloatArray) -> FloatArray:
-    """Edges of bins with alike many windows, none narrower than a fortieth of the usual range."""
+    """Return the edges of bins with alike many windows, none narrower than a fortieth of the usual range."""
     quantiles = np.quantile(values, np.linspace(0.0, 1.0, SETTINGS.report.bins + 1))
     least = (quantiles[-2] - quantiles[1]) / 40.0
     edges = [quantiles[0]]

@@ -51,8 +51,8 @@ def counted_p_value(value: float, maxima: Sequence[float]) -> tuple[float, bool]
 
 
 def tail_probability(value: float, maxima: Sequence[float]) -> float:
-    """Probability that chance makes as much: counted where some of the maxima reach the value, else by the
-    tail of their Gumbel distribution, whose scale is raised by the doubt of so few."""
+    """Return the probability that chance makes as much: counted where some of the maxima reach the value,
+    else by the tail of their Gumbel distribution, whose scale is raised by the doubt of so few."""
     count = len(maxima)
     counted, is_bound = counted_p_value(value, maxima)
     if not is_bound:

@@ -103,7 +103,7 @@ def jump_evidence(drive: DriveRegression, one: Chosen) -> float:
 
 
 def _student_log_density(values: FloatArray, scale: float) -> FloatArray:
-    """Log-density of Student's distribution, up to a constant: its tails hold braking (Lange, Little and
-    Taylor, Journal of the American Statistical Association 84, 1989)."""
+    """Return the log-density of Student's distribution, up to a constant: its tails hold braking (Lange,
+    Little and Taylor, Journal of the American Statistical Association 84, 1989)."""
     free = SETTINGS.robustness.student_freedom
     return np.asarray(-0.5 * (free + 1.0) * np.log1p(np.square(values / scale) / free))

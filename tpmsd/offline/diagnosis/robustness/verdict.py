@@ -28,7 +28,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def status_of(one: Chosen, selection: Selection) -> str:
-    """Status of a chosen term before any certificate; empty of one that is not reported.
+    """Return the status of a chosen term before any certificate; empty of one that is not reported.
 
     With the variance from block to block a suspicion does not pay for what was tried.
     """

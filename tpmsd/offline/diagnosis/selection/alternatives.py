@@ -28,7 +28,8 @@ class Alternative:
 
 
 def confidence(effect: str, penalised_gain: float, alternatives: Sequence[Alternative]) -> float:
-    """Probability of an effect among its alternatives and nothing at all, 1 / (sum of likelihood ratios).
+    """Return the probability of an effect among its alternatives and nothing at all, 1 / (sum of likelihood
+    ratios).
 
     Of several alternatives of one name the first, the best, counts, or a later one that replaces a part and
     weighs more. `penalised_gain` (nats) is that of the effect over nothing.

@@ -33,8 +33,8 @@ class EffectSet:
 
 
 def priors_of(term: Term) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation (k,) each of a term's values, as differences from neutral, by the
-    catalogue; ValueError where it has none."""
+    """Return the mean and standard deviation (k,) each of a term's values, as differences from neutral, by
+    the catalogue; ValueError where it has none."""
     means, stds = [], []
     for name in term.parameters:
         known = parameters_of(term.effect)[name]

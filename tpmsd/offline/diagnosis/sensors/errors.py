@@ -82,7 +82,7 @@ def fit_sensor_errors(reader: Reader) -> list[SensorError]:
 
 
 def _scatter(residual: FloatArray, columns: FloatArray) -> float:
-    """Standard deviation of what no error explains, by the median."""
+    """Return the standard deviation of what no error explains, by the median."""
     used = columns[:, np.any(columns != 0.0, axis=0)]
     left = residual - used @ np.linalg.lstsq(used, residual, rcond=None)[0] if used.size else residual
     return max(float(np.median(np.abs(left))) / 0.6745, 1e-9)
@@ -95,7 +95,7 @@ def _blocks(parts: list[Rows]) -> np.ndarray:
 
 
 def _estimable(X: FloatArray, size: FloatArray) -> list[int]:
-    """Columns that are not what the columns before them can do as well."""
+    """Return the indices of the columns that the ones before them do not explain."""
     kept: list[int] = []
     for k in range(X.shape[1]):
         if size[k] <= 0.0:

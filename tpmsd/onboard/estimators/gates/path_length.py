@@ -66,9 +66,9 @@ class PathLength:
         return slack_m + PATH_LENGTH.share * self._path_m + PATH_LENGTH.lag_s * change
 
     def _fluctuation_m(self) -> float:
-        """Standard deviation of the difference, m, by positions whose error is a random walk, from its steps:
-        their long-run variance to the first lag (Newey and West 1987), in which independent errors of
-        positions cancel."""
+        """Return the standard deviation of the difference, m, by positions whose error is a random walk, from
+        its steps: their long-run variance to the first lag (Newey and West 1987), in which independent errors
+        of positions cancel."""
         n = len(self._steps)
         mean = self.difference_m / n
         variance = self._squares_m2 / n - mean * mean

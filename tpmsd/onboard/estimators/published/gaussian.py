@@ -89,7 +89,7 @@ class Transform(Protocol):
     """Sends a Gaussian through `move`."""
 
     def __call__(self, mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
-        """Mean and covariance after the tick."""
+        """Return mean and covariance after the tick."""
         ...
 
 

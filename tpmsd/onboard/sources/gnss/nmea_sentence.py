@@ -209,7 +209,8 @@ class _Fields(dict[str, str]):
         return _position(self["lat"], self["lat_dir"], self["lon"], self["lon_dir"])
 
     def altitude(self) -> float:
-        """Altitude, m: above the ellipsoid if the geoid's separation is given, else above mean sea level."""
+        """Return the altitude, m: above the ellipsoid if the geoid's separation is given, else above mean sea
+        level."""
         height, separation = self.number("altitude_m"), self.number("geoid_separation_m")
         return height if math.isnan(separation) else height + separation
 
