@@ -70,7 +70,7 @@ class FittedParameter:
     at: float | None = None
     """Value of the parameter that enters nonlinearly."""
     second: float | None = None
-    """Value of a second one; None where it is typical."""
+    """Value of a second nonlinear parameter; None where it is typical."""
 
     @property
     def key(self) -> tuple[str, ...]:

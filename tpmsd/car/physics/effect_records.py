@@ -51,7 +51,7 @@ class SecondParameter:
 
     parameter: str
     range: tuple[float, float]
-    """Least and greatest that is thinkable."""
+    """Least and greatest plausible value."""
     penalty: Callable[[float], float]
     """Nats against a value."""
     step: float
@@ -68,7 +68,7 @@ class Grid:
     middle: float
     """The one that stands for all while noise is estimated."""
     range: tuple[float, float]
-    """Least and greatest that is thinkable."""
+    """Least and greatest plausible value."""
     penalty: Callable[[float], float]
     """Nats against a value, on top of those for the choice among the grid's."""
     step: float

@@ -42,7 +42,7 @@ class Parameter:
     """A size met on ordinary cars: a start for a fit, an example for a user."""
     lower: float
     upper: float
-    """Both inclusive: what is physically thinkable, with room."""
+    """Both inclusive: what is physically possible, with room."""
     description: str = ""
     probe: float = 0.0
     """A difference from neutral in which the effect is linear, so that the diagnosis fits it; 0: it does not,
@@ -56,7 +56,7 @@ class Parameter:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Least and greatest value that is physically thinkable."""
+        """Least and greatest value that is physically possible."""
         return (self.lower, self.upper) if self.fitted is None else self.fitted
 
     def check(self, value: object) -> Value:

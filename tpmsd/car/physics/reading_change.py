@@ -66,9 +66,9 @@ class FixChange:
     east_m: FloatArray
     north_m: FloatArray
     plain_mps: FloatArray
-    """Velocity without the effects as a complex number, east + i north."""
+    """Velocity (m,) without the effects as a complex number, east + i north."""
     acting_mps: FloatArray
-    """Value with them."""
+    """Velocity with the effects, in the same form."""
 
 
 class AntennaChange:

@@ -27,7 +27,7 @@ class VehicleStateSettings:
     """Cornering stiffness over wheel load, 1/rad, with the compliance of steering and axle in it: less at the
     front than at the rear is what makes a passenger car understeer."""
     cornering_rear_per_load: float = 15.0
-    """Value at the rear."""
+    """Cornering stiffness over wheel load at the rear, 1/rad."""
     longitudinal_per_load: float = 20.0
     """Slip stiffness over wheel load."""
     brake_front_share: float = 0.66

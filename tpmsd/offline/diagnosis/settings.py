@@ -95,7 +95,8 @@ class SelectionSettings:
     spline_gain_margin: float = 0.08
     """Share of its gain by which a spline must beat an effect: no effect's formula is the last word."""
     drift_gain_margin: float = 0.25
-    """Value over time or distance on all wheels, where the receiver's slow error looks alike."""
+    """Such a share for a spline over time or distance on all wheels, with which the receiver's slow error
+    is confounded."""
     share_of_rest: float = 1e-5
     """Share of what all terms together gain that a term must gain: no linearised model is better than
     that."""
@@ -114,15 +115,12 @@ class SelectionSettings:
     """Share of an effect's response from which a spline on those wheels is the same effect without a
     name."""
     confounded_nats: float = 2.0
-    """Rivals whose fit is worse by less than this are confounded with a term."""
+    """Alternatives whose fit is worse by less than this are confounded with a term."""
     confounded_share: float = 5e-4
-    """Value as a fraction of the gain: what separates two effects that fit so nearly alike is what is not
-    linear in the responses, and not the drive.
-    """
+    """... or by less than this share of the term's gain: so small a difference may come from what is not
+    linear in the responses, and not from the drive."""
     alternative_weight: float = 1e-3
-    """Gain of an alternative over the term's own, above which it is asked whether its values are thinkable at
-    all.
-    """
+    """Gain of an alternative over the term's own, above which its values are checked for plausibility."""
     nearer_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
     """Shares by which a value may lie nearer to zero where its penalty is taken; at a half a quarter of the
     gain is lost."""
@@ -190,7 +188,7 @@ class AssessmentSettings:
     """Standard deviations of a value that make it seen in 19 of 20 drives: the normal's 95 % quantile."""
     size_rounds: int = 5
     """Iterations of size and what it is compared with: after three it changes by less than a percent."""
-    unthinkable_stds: float = 100.0
+    implausible_stds: float = 100.0
     """Beyond, a size is not looked for: what instruments usually have ends far below."""
     lags: int = 10
     """Windows over which what is left is looked at for correlation."""
@@ -208,10 +206,10 @@ class AssessmentSettings:
     sixteenth of one within a drive is nearly a step."""
     halvings: int = 4
     """Fraction of the span in which an onset's interval ends: to a sixteenth of it."""
-    firsts: int = 19
+    first_values: int = 19
     """Values over its range at which the likelihood of a nonlinear parameter is taken."""
-    seconds: int = 9
-    """Value for a second one."""
+    second_values: int = 9
+    """Values of a second nonlinear parameter at which it is taken."""
     simulation_floor: float = 0.5
     """A simulation's noise is no less than this share of the recording's: a difference cannot be known
     better than the recording determines it."""
@@ -236,7 +234,7 @@ class RobustnessSettings:
     clear_of_receiver_nats: float = 300.0
     """Beyond, no slow noise of a receiver is the reason: reflections that weigh less can make 80."""
     clear_of_drift_nats: float = 3000.0
-    """Value for a wheel that changes against the others, and the drift of radii."""
+    """Gain beyond which no radius drift is the reason for a wheel that changes against the others."""
     confident_from: float = 0.95
     """Confidence below which an effect is not distinguished from what instruments usually make."""
     drifts_from: float = 1e-4

@@ -36,9 +36,9 @@ class DynamicsSettings:
     min_white: tuple[float, float, float] = (2e-3, 2e-4, 2e-3)
     """Least random walk of v, r, u per square root of a second: rounding of the recording and of the step."""
     min_other: float = 3e-5
-    """Value for states that effects add, over their sizes (1 rad of slip angle, 10 m/s2 of rolled lateral
-    acceleration): a step's share stays far below what tyres make of a reading's noise, and the weight of a
-    step far enough below the inverse of rounding errors that these do not decide what the path is.
+    """Least random walk of states that effects add, over their sizes (1 rad of slip angle, 10 m/s2 of rolled
+    lateral acceleration): a step's share stays far below what tyres make of a reading's noise, and the weight
+    of a step far enough below the inverse of rounding errors that these do not decide what the path is.
     """
     min_disturbance: tuple[float, float, float] = (3e-3, 3e-3, 3e-3)
     """Least standard deviation of accelerations that belong to no term: m/s2, m/s2, rad/s2 (x, y, moment)."""

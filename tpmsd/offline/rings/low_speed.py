@@ -55,7 +55,7 @@ def low_speed_losses(recording: Recording, radii_m: FloatArray) -> LowSpeedLosse
         values = np.linalg.lstsq(base[calm], y[calm], rcond=None)[0]
         left = y - base @ values
         std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
-        least_mps[wheel] = max(COUNTERS.lost_min_mps, COUNTERS.lost_errors * std)
+        least_mps[wheel] = max(COUNTERS.lost_min_mps, COUNTERS.lost_min_stds * std)
         best = _best_limit(time_s, speed, left, here & (speed > least_mps[wheel]), std)
         if best is not None:
             found.append((wheel, *best))

@@ -64,8 +64,8 @@ class CounterSettings:
     """Speeds below which counts may be lost: passive sensors fall silent at 1 to 3 m/s."""
     lost_min_mps: float = 0.6
     """Least speed looked at: the receiver's course and speed are noise below."""
-    lost_errors: float = 4.0
-    """Value in standard deviations of the receiver's speed."""
+    lost_min_stds: float = 4.0
+    """Least speed looked at, in standard deviations of the receiver's speed."""
     lost_half_s: float = 0.25
     """Half the time over which a wheel's speed is taken."""
     lost_admit_nats: float = 14.0

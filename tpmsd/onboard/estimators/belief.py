@@ -74,11 +74,9 @@ class Moments(NamedTuple):
     effective: float
     """Effective number of particles or hypotheses; 1 where there are none."""
     ancestors: float = math.nan
-    """Value of `RadiusEstimate`."""
+    """See `RadiusEstimate`, for the next two as well."""
     between_std_m: float = math.nan
-    """Value of `RadiusEstimate`."""
     stated: RadiusStatement | None = None
-    """Value of `RadiusEstimate`."""
 
 
 class GatedTick(NamedTuple):

@@ -158,7 +158,7 @@ class EstimatorSettings:
     walk_particles_m: float = 0.06e-3
     """Random walk of AUG-PF's radii, m per sqrt(s): particles need a long one to explore (bench: tuning)."""
     walk_gaussian_m: float = 0.02e-3
-    """Value of AUG-EKF and AUG-UKF (bench: tuning)."""
+    """Random walk of the radii of AUG-EKF and AUG-UKF, m per sqrt(s) (bench: tuning)."""
     sigma_step: float = 0.05
     """Standard deviation of a step of Sigma, relative [Lundquist 2013, eqs 28c, 28d]."""
     sigma_first_m: float = 0.001
@@ -237,9 +237,9 @@ class EstimatorSettings:
     drift_own_m: float = 0.010e-3
     """Random walk of one wheel's radius, m per sqrt(s): load, temperature, what the model leaves out."""
     drift_axle_m: float = 0.020e-3
-    """Value for front against rear: slip of the driven axle, load."""
+    """Random walk of front against rear: slip of the driven axle, load."""
     drift_common_m: float = 0.040e-3
-    """Value for all wheels together: centrifugal growth, warm-up."""
+    """Random walk of all wheels together: centrifugal growth, warm-up."""
     calm_common: float = 0.5
     """Least share of `drift_common_m` that a calm level has."""
     turn_noise: float = 0.0004

@@ -162,8 +162,8 @@ class JudgeSettings:
     """Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not
     become normal, however improbable faults are beforehand."""
     suspicious_at_first: float = 3.0
-    """Value while the car is learned for the first time. A baseline of a few samples is off by half a
-    millimetre; held to the former limit it would take its own error for a fault and never learn better.
+    """Such a ratio while the car is learned for the first time. A baseline of a few samples is off by half
+    a millimetre; held to the former limit it would take its own error for a fault and never learn better.
     """
     every_s: float = 1.0
     """Between two judgements."""
@@ -226,8 +226,8 @@ class SignalSettings:
     """Driving to a malfunction: UN R141 (assumed: not at hand); FMVSS 138, 49 CFR 571.138, has twenty."""
     turning_rad: float = 0.1
     """Rotation in a tick from which a wheel turns."""
-    forgive_after_s: float = 1.0
-    """Time in good order that takes back the bad time counted so far."""
+    bad_time_reset_s: float = 1.0
+    """Time in good order after which the bad time counted so far is set to zero."""
     clear_share: float = 0.1
     """Good time after which a malfunction is cleared, as a share of the bad time that raises it, ..."""
     min_clear_s: float = 2.0

@@ -19,7 +19,7 @@ CHANNELS: dict[str, tuple[str, float]] = {
     "gnss_course": ("rad", 1.0),
     "yaw_rate": ("rad/s", 1.0),
 }
-"""Readings that a term may act on beside wheels: unit, and the largest size that is thinkable."""
+"""Readings that a term may act on beside wheels: unit, and the largest plausible size."""
 MAX_RADIUS_CHANGE_M = 0.05
 
 

@@ -85,9 +85,9 @@ def _stds_of_curved_ramp(
     """
     one = selection.chosen[which]
     onset, tau = one.term.span_s[0], one.term.span_s[1] - one.term.span_s[0]
-    steps = np.geomspace(*SETTINGS.assessment.ramp_reach_s, SETTINGS.assessment.seconds)
+    steps = np.geomspace(*SETTINGS.assessment.ramp_reach_s, SETTINGS.assessment.second_values)
     onsets = onset + np.concatenate([[0.0], -steps, steps])
-    factors = np.geomspace(1.0, SETTINGS.assessment.longest_share, SETTINGS.assessment.seconds)
+    factors = np.geomspace(1.0, SETTINGS.assessment.longest_share, SETTINGS.assessment.second_values)
     taus = tau * np.concatenate([factors, 1.0 / factors[1:]])
     trials = [(at, long, one.term.course) for at in onsets for long in taus]
     gains, sizes = _profile_likelihood(regression, selection, which, tangents, trials)
@@ -132,9 +132,9 @@ def _stds_of_grid_effect(
     seconds = np.zeros(1)
     if grid.second is not None and one.term.second is not None:
         seconds = np.concatenate(
-            [[one.term.second], np.geomspace(*grid.second.range, SETTINGS.assessment.seconds)]
+            [[one.term.second], np.geomspace(*grid.second.range, SETTINGS.assessment.second_values)]
         )
-    firsts = np.concatenate([[tau], np.geomspace(*grid.range, SETTINGS.assessment.firsts)])
+    firsts = np.concatenate([[tau], np.geomspace(*grid.range, SETTINGS.assessment.first_values)])
     gains, sizes = _profile_likelihood(
         regression, selection, which, tangents, [(a, b) for a in firsts for b in seconds]
     )

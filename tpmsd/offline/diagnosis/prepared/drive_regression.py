@@ -82,7 +82,7 @@ class Refined:
     like: Term | None = None
     """The term of a nonlinear effect."""
     parameter: str = ""
-    """Value of that term whose response it is."""
+    """Name of the parameter of that effect to which the column is the response."""
 
     def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
         """(w, 9) the response to a metre (to the unit of a hat or a parameter), at `base`."""

@@ -118,7 +118,7 @@ def smallest_size(
         against = max(0.0, *(kind.penalty(sign * size) for sign in signs))
         nats = least + term.penalty + against
         size = std * (math.sqrt(2.0 * nats) + SETTINGS.assessment.power_stds)
-    while size < SETTINGS.assessment.unthinkable_stds * std and kind.tolerance_note(
+    while size < SETTINGS.assessment.implausible_stds * std and kind.tolerance_note(
         size, std, regression.has_wheel_speeds_only
     ):
         size += std

@@ -1,4 +1,4 @@
-"""Rivals of a chosen term, and the confidence that they leave it.
+"""Alternatives to a chosen term, and the confidence that they leave it.
 
 In: what each alternative would bring instead of the term. Out: a probability, and the effects that would do
 as well. Pure: the alternatives are gathered by `selector`.

@@ -153,13 +153,13 @@ class JumpHypotheses:
             if kind in in_play:
                 continue
             evidence = (bank.log_weights - bank.raised)[bank.kind == kind].tolist()
-            honest = max(
+            log_weight = max(
                 *evidence, best_log + math.log(probability * duration_s / SETTINGS.level_tau_s), -math.inf
             )
             child = bank.least_probable()
             bank.copy(child, best)
             bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
-            bank.raised[child] = least - honest
+            bank.raised[child] = least - log_weight
 
     def branch(self, bank: Bank, duration_s: float, nominal_m: FloatArray, next_wheel: int) -> int:
         """Replace improbable hypotheses by branches of the best one, each of which assumes that one wheel has

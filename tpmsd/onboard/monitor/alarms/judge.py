@@ -336,8 +336,8 @@ class Judge:
 
         `drive`: the drive as a whole; `whole`: the mean counts for several tyres as well.
 
-        A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
-        goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
+        A tyre that has lost what the other one of its axle has not stands out at once, or once fluctuations
+        are averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
         load for a while: so they are judged by the drive as a whole, or by the mean over minutes where the
         car is not known yet. Of an axle and of all a deviation is not asked of minutes beside the drive.
         """

@@ -100,7 +100,7 @@ class _Malfunction:
             self.good_s = 0.0
         elif good:
             self.good_s += tick.dt_s
-            if self.good_s > SIGNALS.forgive_after_s:
+            if self.good_s > SIGNALS.bad_time_reset_s:
                 self.bad_s = 0.0
         if self.raised is None and self.bad_s >= limit_s:
             self.raised = self._event("raised", self.reason, tick)

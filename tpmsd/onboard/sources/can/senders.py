@@ -22,7 +22,7 @@ import copy
 from itertools import islice
 
 FASTER = 1.25
-"""Frames beyond the known rate that are borne: clocks of adapters, and frames that were sent again."""
+"""Frames beyond the known rate that are tolerated: clocks of adapters, and frames that were sent again."""
 BURST_S, BURST_FRAMES = 1.0, 20.0
 """Frames that may come at once: those of a second, for adapters hand them over in bunches."""
 LEARN_S = 10.0
@@ -38,7 +38,7 @@ _MEMORY, _TYPICAL_FACTOR = 1.0 / 32.0, 1.0 / 256.0
 _REGULAR_SHARE = 0.7
 """Share of tokens below which the rate is irregular, so that the usual rate is not learned."""
 IRREGULAR_LEAK = 0.15
-"""Share of jumps among the readings of a wheel that is borne; two senders in turn make it a half."""
+"""Share of jumps among the readings of a wheel that is tolerated; two senders in turn make it a half."""
 IRREGULAR_LIMIT = 8.0
 
 
