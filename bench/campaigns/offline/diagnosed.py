@@ -15,6 +15,14 @@ from typing import Any
 from bench.campaigns.offline.diagnosis.seal import asked
 
 Row = dict[str, Any]
+OWN_TYRES = {
+    *("longitudinal_slip", "lateral_slip", "load_transfer_lateral"),
+    *("brake_slip", "drive_slip_curve", "inner_wheel_slip", "camber_roll", "compliance_steer"),
+}
+"""What tyres and axles of an origin with tyres of its own do: found there, these are true."""
+LAG_STDS = 4.0
+"""Some receivers are drawn with a speed older than the position: a velocity lag is true of one, right to
+within so many standard deviations and the age of the wheels' own speed."""
 HELD_OUT_FROM = 50_000
 """Seeds from here on belong to the held-out half."""
 
@@ -51,6 +59,11 @@ def _short(finding: dict[str, Any]) -> dict[str, Any]:
         "gain": finding["heldout"].get("loglik_gain"),
         "or": finding["indistinguishable_from"],
     }
+
+
+def is_drawn_lag(found_s: float, std_s: float, drawn_s: float, wheel_age_s: float = 0.0) -> bool:
+    """Return True if a velocity lag is that with which a drive's receiver was drawn."""
+    return abs(found_s - drawn_s) < LAG_STDS * std_s + wheel_age_s
 
 
 def parted(rows: Sequence[Row]) -> tuple[list[Row], list[Row]]:

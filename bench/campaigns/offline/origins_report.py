@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.offline import origins_coverage
-from bench.campaigns.offline.diagnosed import Row, by_half, parted
+from bench.campaigns.offline.diagnosed import OWN_TYRES, Row, by_half, is_drawn_lag, parted
 from bench.statistics import apart, count, even_p_value, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
@@ -28,16 +28,8 @@ EXPECTED = {
 }
 """The catalogue's name of a fault; effects injected into recordings bear it already."""
 SLIPPING = {origin.name for origin in ORIGINS.values() if origin.own_tyres}
-OWN_TYRES = {
-    *("longitudinal_slip", "lateral_slip", "load_transfer_lateral"),
-    *("brake_slip", "drive_slip_curve", "inner_wheel_slip", "camber_roll", "compliance_steer"),
-}
-"""What the own tyres and axles of such an origin's cars do: found there, these are true."""
 OWN_COVARIATES = ("accel_long", "accel_lat")
 """So is a term without a name over these on that origin."""
-LAG_STDS = 4.0
-"""A third of the receivers are drawn with a speed 20 to 100 ms older than the position: a lag that is told of
-one, right to within so many standard deviations and the age of the wheels' own speed, is true."""
 ACTING = (REAL, "multibody")
 """Origins in whose null drives something acts: there no p-value is uniform."""
 SMALL = 0.05
@@ -134,9 +126,8 @@ def _false(row: Row) -> list[dict[str, Any]]:
 
     def own(each: dict[str, Any]) -> bool:
         if each["effect"] == "velocity_lag":
-            lag_s, std_s = each["parameters"]["lag_s"]
-            doubt_s = LAG_STDS * std_s + row.get("wheel_age_s", 0.0)
-            return bool(abs(lag_s - row.get("velocity_lag_s", 0.0)) < doubt_s)
+            found_s, std_s = each["parameters"]["lag_s"]
+            return is_drawn_lag(found_s, std_s, row.get("velocity_lag_s", 0.0), row.get("wheel_age_s", 0.0))
         unnamed = each["effect"] == "unknown" and each["where"]["covariate"] in OWN_COVARIATES
         return row["origin"] in SLIPPING and (unnamed or each["effect"] in OWN_TYRES)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from bench.campaigns.offline.diagnosis.draw import (
     draw_case,
 )
 from bench.campaigns.offline.diagnosis.make import make
-from bench.campaigns.offline.diagnosis.score import improvement, localisation, match, parameter_errors
+from bench.campaigns.offline.diagnosis.score import improvement, localisation, match, parameter_errors, score
 from bench.campaigns.offline.diagnosis.seal import diagnosed
-from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
+from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, seen_as, truth_of
 from bench.statistics import share
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import course
@@ -61,6 +62,35 @@ def test_an_effect_is_found_but_once_and_strange_physics_may_take_several_terms(
 
     assert [0, None] == match(true, [finding("gnss_latency"), finding("gnss_latency")])
     assert [1, 1] == match(true, [finding("unknown"), finding("unknown")])
+
+
+def false_names(world_nats: float, doppler_age_s: float, *findings: dict[str, Any]) -> list[str]:
+    """Names scored as false on a drive that conceals nothing, with so much of the world's own physics."""
+    case = draw_case("nothing", 1.0, 1)
+    case = replace(case, spec=replace(case.spec, doppler_age_s=doppler_age_s))
+    true = replace(truth(), beyond=world_nats)
+    document = {"findings": [{**each, "confidence": 0.99} for each in findings]}
+    row = score(case, true, document, {}, None)  # type: ignore[arg-type]  # nothing concealed, no windows
+    return list(row["false"])
+
+
+def test_what_tyres_of_the_world_and_its_receiver_do_is_no_false_name() -> None:
+    """Brake slip is true where tyres slip, a lag where the Doppler is old, right to within its doubt."""
+    brake, lag = finding("brake_slip", front=0.005), finding("velocity_lag", lag_s=0.08)
+    lag["parameters"]["lag_s"]["std"] = 0.003
+
+    assert ["brake_slip"] == false_names(0.0, 0.0, brake)
+    assert [] == false_names(99.0, 0.0, brake)
+    assert [] == false_names(0.0, 0.085, lag)
+    assert ["velocity_lag"] == false_names(0.0, 0.03, lag)
+    assert ["velocity_lag"] == false_names(0.0, 0.0, lag)
+
+
+def test_physics_by_another_formula_bears_the_name_of_its_cause() -> None:
+    """The catalogue has brakes that heat an axle and a Doppler that errs by heading; camber it has not."""
+    kinds = ("strange_brake_heat", "strange_heading_glitch", "strange_camber", "radius_change_2")
+
+    assert ["brake_heat", "doppler_heading_error", "unknown", "radius_change"] == [seen_as(k) for k in kinds]
 
 
 def test_parameter_errors_are_in_standard_deviations_and_relative() -> None:

@@ -5,7 +5,7 @@ Strength 1 is the size of a 20 % pressure loss, or what disturbs a diagnosis as 
 
     nothing, nothing_wander            no physics missing; the latter with radius drift as in real cars
     EFFECT, EFFECT+EFFECT, ...         of the public table, with the name withheld
-    strange_...                        of no catalogue
+    strange_...                        by no formula of the catalogue, most by no cause of it either
     absorbed:EFFECT                    configured radii far off, so that calibration takes up the mean
     habit:EFFECT                       a driver who goes faster and faster
     cancel:growth_slip|track_load|arm_slip   two effects that cancel over most of the drive

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.campaigns.offline.diagnosis.truth import seen_as
 from bench.statistics import count, percent, share
 
 Row = dict[str, Any]
@@ -106,7 +107,7 @@ def _single(row: Row) -> bool:
 
 
 def _strange(row: Row) -> bool:
-    return any(str(key).startswith("strange") for key in row["wanted"])
+    return any(seen_as(str(key)) == "unknown" for key in row["wanted"])
 
 
 def _mean(values: Sequence[float]) -> dict[str, Any]:

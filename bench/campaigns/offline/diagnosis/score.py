@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.campaigns.offline.diagnosed import OWN_TYRES, is_drawn_lag
 from bench.campaigns.offline.diagnosis.draw import Case
 from bench.campaigns.offline.diagnosis.information import gram, without
 from bench.campaigns.offline.diagnosis.signals import CHANNELS, Windows
@@ -43,7 +44,8 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     wanted = [k for k, each in enumerate(truth.effects) if not each.inherent]
     detectable = [k for k in wanted if truth.effects[k].detectable]
     right = {k for k in matched if k is not None}
-    strays = [n for n, k in enumerate(matched) if k is None and not _beyond(truth, findings[n])]
+    age_s = case.spec.doppler_age_s
+    strays = [n for n, k in enumerate(matched) if k is None and not _drawn(truth, age_s, findings[n])]
     # Effects of the world itself are not asked for, and count as no false finding.
     concealed = {n: k for n, k in enumerate(matched) if k is not None and not truth.effects[k].inherent}
     own = sorted({*strays, *concealed})
@@ -133,9 +135,13 @@ def _label(finding: dict[str, Any]) -> str:
     return f"{finding['effect']} {wheel}" if wheel else str(finding["effect"])
 
 
-def _beyond(truth: Truth, finding: dict[str, Any]) -> bool:
-    """Whether it may be what the world itself holds beyond the table."""
-    return finding["effect"] == "unknown" and truth.beyond > 16.0
+def _drawn(truth: Truth, age_s: float, finding: dict[str, Any]) -> bool:
+    """Return True if it may be what the world's own tyres do beyond the concealed effects, or is the lag of a
+    receiver whose Doppler is `age_s` old."""
+    if finding["effect"] == "velocity_lag" and age_s > 0.0:
+        lag = finding["parameters"]["lag_s"]
+        return is_drawn_lag(float(lag["value"]), float(lag["std"]), age_s)
+    return truth.beyond > 16.0 and finding["effect"] in {"unknown", *OWN_TYRES}
 
 
 def _hedged(truth: Truth, findings: list[dict[str, Any]]) -> bool:

@@ -82,6 +82,10 @@ class Truth:
         return cls(**{**plain, "effects": [Concealed(**each) for each in plain["effects"]]})
 
 
+CAUSE_IN_CATALOGUE = {"strange_brake_heat": "brake_heat", "strange_heading_glitch": "doppler_heading_error"}
+"""Causes that the catalogue holds, by another formula."""
+
+
 def base_name(key: str) -> str:
     """`radius_change_2` is a radius change."""
     head, _, tail = key.rpartition("_")
@@ -89,8 +93,8 @@ def base_name(key: str) -> str:
 
 
 def seen_as(key: str) -> str:
-    """The name that a diagnosis should give."""
-    return "unknown" if key.startswith("strange") else base_name(key)
+    """Return the name that a diagnosis should give."""
+    return CAUSE_IN_CATALOGUE.get(key) or ("unknown" if key.startswith("strange") else base_name(key))
 
 
 def rolling(case: Case) -> dict[str, dict[str, Any]]:
