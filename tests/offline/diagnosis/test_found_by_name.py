@@ -83,6 +83,22 @@ def test_drive_on_one_axle_and_brakes_on_both_are_two_effects() -> None:
         assert values[name][1] < 1.5e-3  # the load that moves with the force is not known beside the slip
 
 
+def test_drive_on_one_axle_and_brakes_on_the_other_are_two_effects() -> None:
+    """As of a motor in front and a parking brake: the front wheels roll freely under the brakes, which their
+    slip under drive force does not know."""
+    spec = Spec(duration_s=300.0, road="mixed", driven="front", stops=True)
+    trip, rng = driven(spec, 8)
+    power, braking = np.maximum(trip.force, 0.0)[:, None], np.maximum(-trip.force, 0.0)[:, None]
+    slip = 9e-3 * (power * FRONT - braking * REAR)
+
+    found = findings(recording_of(observe(replace(trip, spin=slip), spec, rng, 8)))
+
+    assert {"brake_slip", "longitudinal_slip"} == set(found)
+    values = numbers(found["longitudinal_slip"]) | numbers(found["brake_slip"])
+    for name, truth in (("slip_per_accel", 9e-3), ("front", -9e-3), ("rear", 9e-3)):
+        assert pytest.approx(truth, rel=0.1) == values[name][0]
+
+
 def test_people_who_got_in_behind_are_a_load() -> None:
     """Rear wheels of 0.4 mm less radius after the longest stop turn faster from there on."""
     spec = Spec(duration_s=420.0, road="mixed", stops=True)

@@ -13,7 +13,11 @@ from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.motion import driven_mask
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale, separating_manoeuvre
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
-from tpmsd.offline.diagnosis.hypotheses.plausible import completion_matrix, completions_of
+from tpmsd.offline.diagnosis.hypotheses.plausible import (
+    completion_matrix,
+    completions_of,
+    nats_against_ratio,
+)
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.robustness.verdict import is_outweighed
 from tpmsd.offline.diagnosis.selection.catalogue_effect import (
@@ -179,3 +183,29 @@ def test_limits_of_brake_slip_hold_for_drive_and_brakes_together(driven: str, li
     into = completion_matrix(terms, completions_of(car))
 
     assert pytest.approx([*limited, 0.006]) == into @ [0.005, -0.003, 0.006]
+
+
+@pytest.mark.parametrize(
+    ("values", "nats"),
+    [
+        ([4e-3, 0.0], 0.0),
+        ([0.0, 4e-3], 0.0),
+        ([-4e-3, -1e-3], 0.0),  # of what a simulation has, and the recording has not
+        ([4e-3, -2e-4], 2.0),
+        ([-5e-4, 4e-3], 12.5),
+    ],
+)
+def test_either_axle_bears_any_share_of_the_brakes(values: list[float], nats: float) -> None:
+    """None as well: two values of opposite signs lose what their nearer one does on its way to zero."""
+    brakes = term("brake_slip", "front", "rear")
+
+    assert pytest.approx(nats) == nats_against_ratio(brakes, np.array(values), 1e-8 * np.eye(2))
+
+
+def test_a_ratio_between_limits_loses_what_lies_beyond_the_nearer_one() -> None:
+    """Of the load that bends shift, an axle's share is within 0.7 of the mean of both."""
+    loads = term("load_transfer_lateral", "coefficient", "front_more")
+
+    assert nats_against_ratio(loads, np.array([1.0, 0.7]), np.eye(2)) == pytest.approx(0.0)
+    assert nats_against_ratio(loads, np.array([1.0, 1.0]), np.eye(2)) == pytest.approx(0.5 * 0.09 / 1.49)
+    assert nats_against_ratio(loads, np.array([1.0, -1.0]), np.eye(2)) == pytest.approx(0.5 * 0.09 / 1.49)

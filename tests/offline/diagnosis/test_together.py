@@ -105,7 +105,7 @@ def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.
     monkeypatch.setattr(
         regression, "unusable_effects", lambda reader: unusable_effects(reader) | {"brake_heat"}
     )
-    recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
+    recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 10))
     diagnosis = diagnose([recording])
     monkeypatch.setattr(whole, "add_common_shape", lambda found, before: found)
     without = diagnose([recording])
@@ -118,7 +118,7 @@ def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.
 
 def test_an_axle_that_warms_with_every_braking_has_a_name() -> None:
     """Another world's brakes: the axle and the time of cooling."""
-    recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
+    recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 6))
     findings = diagnose([recording]).findings
 
     assert ("brake_heat", ("fl", "fr")) == (findings[0].effect, findings[0].where.wheels)

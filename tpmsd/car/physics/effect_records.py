@@ -167,7 +167,7 @@ class Nonlinear:
     """True if it acts from one time to another, which are looked for."""
     ratio_limits: tuple[float, float] | None = None
     """Ratio of its second parameter to its first, the least and the greatest that are possible, if it has
-    such.
+    such; infinite where the first may be zero beside the second.
     """
 
 

@@ -1,4 +1,4 @@
-"""Under the brakes all wheels turn slower than the ground passes."""
+"""Under the brakes wheels turn slower than the ground passes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 @dataclass(frozen=True)
 class BrakeSlip(Effect):
     """omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c for each axle: brakes act on all wheels, in other
-    shares than drive.
+    shares than drive, or on one axle alone: a parking brake, or a motor that recuperates.
 
     a_x is the specific force. Drag and the rolling engine slow a car down before its brakes do: free wheels
     turn without force up to from_mps2. Slip under drive force acts for either sign of it: beside that, c of a
@@ -29,11 +29,11 @@ class BrakeSlip(Effect):
     name = "brake_slip"
     wording = Wording(
         formula="omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c = front or rear",
-        sentence="all wheels slip under the brakes",
+        sentence="wheels slip under the brakes",
         noun="slip under the brakes",
         answers=(
-            "the front wheels slip by {front} under the brakes",
-            "the rear wheels slip by {rear} under the brakes",
+            "under the brakes the front wheels slip by {front} and the rear wheels by {rear}, "
+            "beyond what they slip under drive force",
         ),
         distinguished_by="brake firmly and gently from the same speed on a straight, ten times",
     )
@@ -49,8 +49,8 @@ class BrakeSlip(Effect):
             penalty=lambda least: 0.7 + 0.5 * (math.log(least / 0.1) / 1.5) ** 2,
             step=2.0,
         ),
-        # The front brakes bear half to five sixths of the force.
-        ratio_limits=(0.2, 1.0),
+        # Both of one sign: either axle bears any share of the force, from none to all of it.
+        ratio_limits=(0.0, math.inf),
     )
     one_sign = True
     parameters = (
@@ -63,7 +63,6 @@ class BrakeSlip(Effect):
             "c of the front wheels",
             probe=1e-5,
             prior=Prior(2e-3, 2e-3, "two thirds of the force in front"),
-            fitted=(0.0, 0.1),
         ),
         Parameter(
             "rear",
@@ -74,7 +73,6 @@ class BrakeSlip(Effect):
             "c of the rear wheels",
             probe=1e-5,
             prior=Prior(1e-3, 1.5e-3, "one third of the force at the rear"),
-            fitted=(0.0, 0.1),
         ),
         Parameter(
             "from_mps2",

@@ -98,9 +98,14 @@ def nats_against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -
     The ratio is that of its two values, the limits are those of its effect.
     """
     limits = ratio_limits(term)
-    if limits is None or limits[0] * values[0] ** 2 <= values[0] * values[1] <= limits[1] * values[0] ** 2:
+    if limits is None:
         return 0.0
-    # The nearest allowed pair lies on an edge: second = limit * first.
-    edges = np.array([[-limit, 1.0] for limit in limits])
+    least, greatest = limits
+    # Normals of the two edges, second = limit * first; without a greatest ratio the first value may be zero.
+    edges = np.array([[-least, 1.0], [greatest, -1.0] if np.isfinite(greatest) else [1.0, 0.0]])
+    beyond = edges @ values
+    if float(np.prod(beyond)) >= 0.0:
+        return 0.0
+    # The nearest allowed pair lies on an edge.
     variance = np.einsum("ki,ij,kj->k", edges, covariance, edges)
-    return float(np.min(0.5 * (edges @ values) ** 2 / variance))
+    return float(np.min(0.5 * beyond**2 / variance))

@@ -169,7 +169,8 @@ class Selector(Candidates):
         penalty = sum(term.penalty for term in terms)
         ratio = max(self.variance_ratio(now, k) for k in at)
         more = SETTINGS.selection.admit_nats if len(terms) == 2 else 0.0
-        return (penalised_gain + penalty) / ratio - penalty - more
+        against = sum(self._nats_against_ratios(now)[len(chosen) :])
+        return (penalised_gain + penalty) / ratio - penalty - more - against
 
     def _is_identifiable_and_plausible(self, terms: list[Term]) -> bool:
         """Return whether the terms are not collinear and their values are physically plausible."""
@@ -181,32 +182,36 @@ class Selector(Candidates):
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < SETTINGS.selection.min_eigenvalue:
             return False
+        if max(self._nats_against_ratios(terms)) > SETTINGS.hypotheses.impossible_nats:
+            return False
         return all(
-            is_plausible(term, values, self._bounds)
-            and nats_against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
-            for term, values, covariance in self._limited_values(terms)
+            is_plausible(term, values, self._bounds) for term, values, _ in self._limited_values(terms)
         )
 
     def _limited_values(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
-        """Yield each term, the values in the joint fit that its limits apply to, and their covariance."""
+        """Yield each term, the values in the joint fit that its limits apply to, and their covariance with
+        its block-wise variance."""
         fit = self.evidence.fit(self.design(terms))
         first = self.hypotheses.nuisance.shape[1]
+        ratios = np.clip(self.evidence.sandwich(fit)[first:], 1.0, SETTINGS.selection.max_overdispersion)
         into = completion_matrix(terms, self.hypotheses.car.completions)
-        values, covariance = into @ fit.values[first:], into @ fit.covariance[first:, first:] @ into.T
+        wider = into * np.sqrt(ratios)
+        values, covariance = into @ fit.values[first:], wider @ fit.covariance[first:, first:] @ wider.T
         at = 0
         for term in terms:
             here = slice(at, at + term.design.shape[1])
             yield term, values[here], covariance[here, here]
             at = here.stop
 
+    def _nats_against_ratios(self, terms: list[Term]) -> list[float]:
+        """Return what each term loses if the ratio of its two values is physically possible, nats."""
+        if all(ratio_limits(term) is None for term in terms):
+            return [0.0] * len(terms)
+        return [nats_against_ratio(*each) for each in self._limited_values(terms)]
+
     def _has_possible_ratios(self, terms: list[Term]) -> bool:
         """Return whether the ratios of the effects' two values are physically possible."""
-        if all(ratio_limits(term) is None for term in terms):
-            return True
-        return all(
-            nats_against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
-            for term, values, covariance in self._limited_values(terms)
-        )
+        return max(self._nats_against_ratios(terms)) <= SETTINGS.hypotheses.impossible_nats
 
     def _has_plausible_values(self, terms: list[Term], which: Term) -> bool:
         """Return whether one of the terms has values that are plausible on this car."""
@@ -217,10 +222,12 @@ class Selector(Candidates):
         )
 
     def _gain_beyond_penalty(self, terms: list[Term], which: int) -> float:
-        """Return a term's studentised gain jointly with the others, less its penalty (nats)."""
+        """Return a term's studentised gain jointly with the others, less its penalty and what it loses if its
+        values are possible (nats)."""
         rest = terms[:which] + terms[which + 1 :]
         gain = self.gain(terms) - self.gain(rest)
-        return gain / self.variance_ratio(terms, which) - terms[which].penalty
+        against = self._nats_against_ratios(terms)[which]
+        return gain / self.variance_ratio(terms, which) - terms[which].penalty - against
 
     def _surplus_over_splines(self, terms: list[Term], which: int) -> float:
         """Return an effect's penalised gain less what it needs where spline terms may replace it, nats.
