@@ -131,15 +131,15 @@ def test_chains_are_distinguished_from_wheels_that_lock() -> None:
     assert pytest.approx(-0.028, abs=1e-3) == numbers(found["chains"])["slip"][0]
 
 
-def test_a_leaning_gyro_is_identified_by_crests() -> None:
-    """Its axis leans by 0.08 rad to the side; the world rotates the vector of the turning rate."""
+def test_a_tilted_gyro_is_identified_by_crests() -> None:
+    """Its axis is tilted by 0.08 rad to the side; the world rotates the vector of the turning rate."""
     spec = Spec(duration_s=500.0, road="rural", hilly=0.04)
     trip, rng = driven(spec, 3)
     seen = observe(trip, spec, rng, 3)
     pitching = -np.gradient(seen.grade, seen.time_s)
-    leaning = replace(seen, gyro=np.cos(0.08) * seen.gyro + np.sin(0.08) * pitching)
+    tilted = replace(seen, gyro=np.cos(0.08) * seen.gyro + np.sin(0.08) * pitching)
 
-    found = findings(recording_of(leaning))
+    found = findings(recording_of(tilted))
 
     assert "gyro_misalignment" in found
     value, std = numbers(found["gyro_misalignment"])["sideways_rad"]

@@ -145,8 +145,8 @@ def test_a_gust_is_found_with_its_span(root: str) -> None:
         assert abs(values[name].value - truth) < 3.5 * values[name].std
 
 
-def test_a_mount_that_leans_reads_as_a_bias_does(root: str) -> None:
-    """Gravity along a leaning axis is a constant: whichever of the two is named lists the other."""
+def test_a_tilted_mount_reads_as_a_bias_does(root: str) -> None:
+    """Gravity along a tilted axis is a constant: whichever of the two is named lists the other."""
     found = diagnosed(root, hidden(accelerometer_bias={"lat_mps2": 0.25}))
 
     (finding,) = found.findings

@@ -34,7 +34,7 @@ class VehicleStateAssumptions:
         default_factory=lambda: FilterNoise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3))
     )
     """Process: what a tyre model of a car known by its data sheet leaves, per square root of a second.
-    Readings: a body-fixed accelerometer leans with the roll (0.6 m/s2 at 6 m/s2 and 6 degrees per g), a
+    Readings: a body-fixed accelerometer rolls with the body (0.6 m/s2 at 6 m/s2 and 6 degrees per g), a
     production gyro has a bias of 1 deg/s at most, wheel speeds are within 1 % of 30 m/s."""
     correlated_s: float = 0.1
     """Correlation time of the errors of lateral acceleration and speed (roll, tyres), s: at shorter ticks

@@ -41,7 +41,7 @@ def slip_traces(
     """Return the slips over a recording, all inputs (n,); those that are None count as zero.
 
     `accel_lat_mps2` is the lateral acceleration of the car (speed times yaw rate where the bus has none), not
-    the reading of a sensor that leans with the body. ValueError if the lengths differ.
+    the reading of a sensor that rolls with the body. ValueError if the lengths differ.
     """
     yaw = np.zeros_like(accel_lat_mps2) if yaw_accel_radps2 is None else yaw_accel_radps2
     steer = np.zeros_like(accel_lat_mps2) if steer_rad is None else steer_rad

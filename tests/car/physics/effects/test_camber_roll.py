@@ -1,4 +1,4 @@
-"""Wheels that lean."""
+"""Wheels that the body's roll cambers."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def over_crests(amplitude_rad: float) -> Motion:
 
 
 def test_pitching_over_crests_leaks_into_the_yaw_rate() -> None:
-    """An axis that leans 0.05 rad to the left reads 0.05 of the pitch rate, positive where the nose drops."""
+    """An axis tilted by 0.05 rad to the left reads 0.05 of the pitch rate, positive where the nose drops."""
     effect = make_effect("gyro_misalignment", sideways_rad=0.05)
     error = effect.yaw_rate_error_radps(over_crests(0.04), car())
 

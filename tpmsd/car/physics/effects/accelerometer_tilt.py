@@ -36,7 +36,7 @@ class AccelerometerTilt(Effect):
         answers=(
             "the accelerometers are turned by {yaw_rad:size deg} to the {yaw_rad:left|right} in their mount",
             "they are pitched by {pitch_rad:size deg} {pitch_rad:nose up|nose down}",
-            "they lean by {roll_rad:size deg} to the {roll_rad:right|left}",
+            "they are rolled by {roll_rad:size deg} to the {roll_rad:right|left}",
         ),
         distinguished_by="brake firmly on a straight and take bends at a constant speed, ten times each",
     )

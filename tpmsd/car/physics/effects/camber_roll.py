@@ -1,4 +1,4 @@
-"""The body rolls in bends, the wheels lean, and roll on a smaller radius."""
+"""The body rolls in bends and cambers the wheels, which turn on a smaller radius."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 @dataclass(frozen=True)
 class CamberRoll(Effect):
-    """delta_r = -c * a_y^2 on all wheels: camber goes with the roll angle, and a leaning tyre rolls on its
+    """delta_r = -c * a_y^2 on all wheels: camber goes with the roll angle, and a cambered tyre rests on its
     shoulder.
 
     Source: camber of 0.5 degrees per m/s2 on simple axles, and a loss of radius in proportion to its square
@@ -24,9 +24,11 @@ class CamberRoll(Effect):
     name = "camber_roll"
     wording = Wording(
         formula="delta_r = -c * a_y^2 on all wheels",
-        sentence="in bends the wheels lean and roll on a smaller radius",
-        noun="lean of the wheels in bends",
-        answers=("in bends the wheels lean and roll on a smaller radius, by {coefficient}",),
+        sentence="in bends the body's roll cambers the wheels, which turn on a smaller radius",
+        noun="camber by the body's roll",
+        answers=(
+            "in bends the body's roll cambers the wheels, which turn on a smaller radius, by {coefficient}",
+        ),
         distinguished_by="drive the same bend slowly and fast, to both sides",
     )
     identification = Identification(shows_in=("wheel", "accel_lat"))

@@ -21,8 +21,8 @@ STEEP_RADPS = 1e-3
 
 @dataclass(frozen=True)
 class GyroMisalignment(Effect):
-    """reading = truth + sideways_rad * pitch rate + forward_rad * roll rate, where the gyro's axis leans by
-    these angles to the left and forward.
+    """reading = truth + sideways_rad * pitch rate + forward_rad * roll rate, where the gyro's axis is tilted
+    by these angles to the left and forward.
 
     The pitch rate is that of the road, -d(grade)/dt (nose down is positive), the roll rate K * d(a_y)/dt.
     What leaks of rolling goes with the yaw acceleration, as does a delay of the readings, and is not
@@ -35,10 +35,10 @@ class GyroMisalignment(Effect):
     wording = Wording(
         formula="reading = truth - sideways_rad * d(grade)/dt + forward_rad * K * d(a_y)/dt",
         sentence="the gyro is not mounted upright",
-        noun="a leaning gyro",
+        noun="a tilted gyro",
         answers=(
-            "the gyro leans {sideways_rad:size deg} to the {sideways_rad:left|right}",
-            "the gyro leans {forward_rad:size deg} {forward_rad:forward|back}",
+            "the gyro is tilted by {sideways_rad:size deg} to the {sideways_rad:left|right}",
+            "the gyro is tilted by {forward_rad:size deg} {forward_rad:forward|back}",
         ),
         distinguished_by="drive straight over sharp crests and dips, ten times",
     )
@@ -50,7 +50,7 @@ class GyroMisalignment(Effect):
             0.05,
             -0.8,
             0.8,
-            "lean of the gyro's axis to the left",
+            "tilt of the gyro's axis to the left",
             probe=0.01,
             prior=Prior(0.0, 0.03, "1 to 3 degrees: brackets"),
             fitted=(-0.3, 0.3),
@@ -61,7 +61,7 @@ class GyroMisalignment(Effect):
             0.03,
             -0.8,
             0.8,
-            "lean of the gyro's axis forward",
+            "tilt of the gyro's axis forward",
             prior=Prior(0.0, 0.03, "1 to 3 degrees: brackets"),
         ),
     )

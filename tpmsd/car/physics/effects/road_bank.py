@@ -35,7 +35,7 @@ class RoadBank(Effect):
         noun="bank of the road",
         answers=(
             "the road is banked: gravity bears {bank_share:%} of the force in bends",
-            "the road leans by {crown_rad:size deg} to the {crown_rad:right|left}",
+            "the road is banked by {crown_rad:size deg} to the {crown_rad:right|left}",
         ),
         distinguished_by="drive the same bends at two speeds, and flat ones",
     )
