@@ -7,6 +7,7 @@ part, its velocity error has a memory of a second.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -90,6 +91,11 @@ class World:
     steering: bool = False
 
     def drive(self) -> Drive:
+        """The drive: the last ones are made once, each caller has a list of ticks of its own."""
+        once = _made(self)
+        return replace(once, ticks=list(once.ticks))
+
+    def _make(self) -> Drive:
         rng = np.random.default_rng(self.seed)
         time = np.arange(round(self.duration_s / STEP_S) + 1) * STEP_S
         speed, yaw = self.speed_mps(time), self.yaw_radps(time)
@@ -202,6 +208,11 @@ class Drive:
     """(n, 3) east, north, heading at the ends of the ticks."""
     offsets_m: FloatArray
     """(n, 4) true minus nominal radii there."""
+
+
+@functools.lru_cache(maxsize=8)
+def _made(world: World) -> Drive:
+    return world._make()
 
 
 def _integral(rate: FloatArray) -> FloatArray:
