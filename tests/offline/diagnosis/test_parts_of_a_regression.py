@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -24,9 +25,11 @@ from tpmsd.offline.diagnosis.reporting.location import location_of, where_of, wh
 from tpmsd.offline.diagnosis.reporting.traces import drive_map, traces
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.robustness.gyro_drift import DRIFTS, add_gyro_drift
+from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import _RIDGE, _common_total
 from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.windows import CHANNEL_NAMES, GYRO, NORTH
 
@@ -298,6 +301,47 @@ def test_the_gain_of_a_term_is_that_of_its_columns(base: Regression) -> None:
         again = np.zeros_like(term.design)
         again[1 + rows] = part
         assert np.array_equal(term.design, again)
+
+
+def test_projecting_and_pairs_are_those_of_the_plain_formulas(base: Regression) -> None:
+    """Designs that combine a few columns, and the best pairs of all: as from whole matrices and lists."""
+    evidence, hypotheses = base.evidence(), base.hypotheses
+    some = [term for term in hypotheses.catalogue if term.design.shape[1] > 1][:1]
+    gram, b = evidence.projected(design := Candidates(evidence, hypotheses).design(some))
+    total = evidence.total
+    assert total is evidence.parts[0].total  # of one drive
+    assert np.array_equal(total, _common_total([*evidence.parts, *evidence.parts], len(total)) / 2.0)
+
+    unit = design / np.sqrt((design * (total @ design)).sum(axis=0))
+    inner = unit.T @ total @ unit + _RIDGE * np.eye(unit.shape[1])
+    plain = total - total @ unit @ np.linalg.solve(inner, unit.T @ total)
+    size = np.sqrt(np.maximum(np.diag(total), 1e-30))
+    assert np.abs((gram - plain[1:, 1:]) / np.outer(size[1:], size[1:])).max() < 1e-9
+    assert np.abs((b - plain[1:, 0]) / size[1:] / size[0]).max() < 1e-9
+
+    for term in some:
+        A, score = term.design[1:].T @ total[1:, 1:] @ term.design[1:], term.design[1:].T @ total[1:, 0]
+        scale = np.sqrt(np.diag(A))
+        values = np.linalg.solve(A / np.outer(scale, scale) + 1e-6 * np.eye(len(A)), score / scale)
+        of_all = (0.5 * values @ (score / scale), values[0] / scale[0])
+        assert group_gain(term.design[1:], total[1:, 1:], total[1:, 0]) == pytest.approx(of_all, rel=1e-9)
+
+    least = SETTINGS.selection.min_own_share * np.diag(total)[1:]
+    single = [term for term in hypotheses.catalogue if term.design.shape[1] == 1 and term.key != some[0].key]
+    at = [int(np.argmax(np.abs(term.design[1:, 0]))) for term in single]
+    usable = [(k, term) for k, term in zip(at, single, strict=True) if gram[k, k] > least[k]]
+    every = []
+    for (i, one), (j, other) in itertools.combinations(usable, 2):
+        pair, score = gram[np.ix_([i, j], [i, j])], b[[i, j]]
+        apart = np.linalg.det(pair) > 1e-4 * pair[0, 0] * pair[1, 1]
+        gain = 0.5 * score @ np.linalg.solve(pair, score) if apart else 0.0
+        if one.key != other.key:
+            every.append((gain - one.penalty - other.penalty, [one, other]))
+    every.sort(key=lambda entry: -entry[0])
+    found = Candidates(evidence, hypotheses).best_pairs(some)
+    assert len(found) == SETTINGS.selection.best_pairs < len(every)
+    assert [gain for gain, _ in found] == pytest.approx([gain for gain, _ in every[: len(found)]])
+    assert [terms for _, terms in found] == [terms for _, terms in every[: len(found)]]
 
 
 @pytest.mark.parametrize("factor", [1.0, -2e-3, 50.0])

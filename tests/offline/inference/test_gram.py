@@ -54,3 +54,13 @@ def test_what_is_taken_from_the_data_is_gone_from_all_that_is_asked() -> None:
     assert np.allclose(expected.total, evidence.total)
     assert np.allclose(expected.heldout(design), evidence.heldout(design))
     assert isinstance(evidence.parts[0], DriveGrams)
+
+
+def test_folds_beyond_the_last_block_are_zero() -> None:
+    """Three blocks in five folds: each has one of them or none."""
+    white = drawn(4)[:60]
+    folds = Grams(white, BLOCKS[:60]).by_fold(5)
+
+    for fold in range(5):
+        rows = white[BLOCKS[:60] == fold].reshape(-1, 4)
+        assert np.allclose(rows.T @ rows, folds[fold])

@@ -129,6 +129,8 @@ class SelectionSettings:
     cycle."""
     exchange_nats: float = 0.5
     """Penalised gain by which an exchange must be better, so that exchanges end."""
+    best_pairs: int = 3
+    """Pairs of single values that a step considers beside single terms: the likeliest few of thousands."""
     pairs_tried: int = 6
     """Pairs of effects that are tried instead of a spline term, the best first."""
     independent_share: float = 0.5

@@ -58,10 +58,10 @@ class Grams:
     def by_fold(self, folds: int) -> FloatArray:
         """Return the (folds, n, n) Gram matrices of the folds: fold f has the blocks f, f + folds, ..."""
         flat = self.white.reshape(-1, self.width)
-        out, one = np.zeros((folds, self.width, self.width)), np.empty((self.width, self.width))
-        for block, (first, last) in enumerate(self._spans):
-            np.matmul(flat[first:last].T, flat[first:last], out=one)
-            out[block % folds] += one
+        out = np.zeros((folds, self.width, self.width))
+        for fold in range(min(folds, self.blocks)):
+            rows = np.concatenate([flat[first:last] for first, last in self._spans[fold::folds]])
+            np.matmul(rows.T, rows, out=out[fold])
         return out
 
     def extended(self, columns: FloatArray) -> Grams:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.gram import Grams
@@ -110,9 +110,7 @@ class Evidence:
     def __init__(self, parts: Sequence[DriveGrams], width: int) -> None:
         """`width` is 1 + p, the length of the common index."""
         self.parts = list(parts)
-        self.total = np.zeros((width, width))
-        for one in self.parts:
-            self.total[np.ix_(one.here, one.here)] += one.total[np.ix_(one.local, one.local)]
+        self.total = _common_total(self.parts, width)
         count = sum(one.blocks for one in self.parts)
         self.blocks = count
         self.folds = [np.flatnonzero(np.arange(count) % FOLDS == fold) for fold in range(min(FOLDS, count))]
@@ -186,10 +184,14 @@ class Evidence:
         out."""
         gram = self.total
         if design.shape[1]:
-            norm = np.sqrt(np.maximum((design * (gram @ design)).sum(axis=0), 1e-300))
-            part = (design / norm).T @ gram
-            A = part @ (design / norm) + _RIDGE * np.eye(design.shape[1])
-            gram = gram - part.T @ scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), part)
+            rows = np.flatnonzero(np.any(design != 0.0, axis=1))
+            into = design[rows]
+            part = into.T @ gram[rows]
+            norm = np.sqrt(np.maximum((into.T * part[:, rows]).sum(axis=1), 1e-300))
+            part /= norm[:, None]
+            A = part[:, rows] @ (into / norm) + _RIDGE * np.eye(len(norm))
+            taken = part.T @ _solve_with_factor(_cholesky_factor(A), part)
+            gram = np.subtract(gram, taken, out=taken)
         return gram[1:, 1:], gram[1:, 0]
 
 
@@ -214,9 +216,38 @@ def _solved(gram: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray
     """Return values and covariance in units of the scale, and the gain, of a small Gram matrix."""
     A = gram[1:, 1:] * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
     b = gram[1:, 0] * scale
-    factor = scipy.linalg.cho_factor(A, lower=True)
-    values = scipy.linalg.cho_solve(factor, b)
-    return values, scipy.linalg.cho_solve(factor, np.eye(len(b))), 0.5 * float(b @ values)
+    factor = _cholesky_factor(A)
+    values = _solve_with_factor(factor, b)
+    return values, _solve_with_factor(factor, np.eye(len(b))), 0.5 * float(b @ values)
+
+
+def _cholesky_factor(matrix: FloatArray) -> FloatArray:
+    """Return the lower Cholesky factor of a positive definite matrix, as LAPACK leaves it; LinAlgError where
+    it is none.
+
+    SciPy's functions for it look at small arrays for longer than they compute.
+    """
+    factor, failed = dpotrf(matrix, lower=1, clean=0)
+    if failed:
+        raise np.linalg.LinAlgError("the Gram matrix is not positive definite")
+    return np.asarray(factor)
+
+
+def _solve_with_factor(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution for right-hand sides (k,) or (k, n) by a factor of `_cholesky_factor`."""
+    return np.asarray(dpotrs(factor, right, lower=1)[0]) if len(factor) else np.zeros(right.shape)
+
+
+def _common_total(parts: Sequence[DriveGrams], width: int) -> FloatArray:
+    """Return the sum of the drives' Gram matrices in the common index, of a single drive that has all columns
+    in order its own."""
+    every = np.arange(width)
+    if len(parts) == 1 and np.array_equal(parts[0].here, every) and np.array_equal(parts[0].local, every):
+        return parts[0].total
+    total = np.zeros((width, width))
+    for one in parts:
+        total[np.ix_(one.here, one.here)] += one.total[np.ix_(one.local, one.local)]
+    return total
 
 
 def _predicted_by_other_drives(small: list[FloatArray]) -> list[FloatArray]:

@@ -93,8 +93,9 @@ def assess_reach(drives: Sequence[WhitenedColumns]) -> Reach:
     gains = [np.zeros((2, *one.measured.shape)) for one in drives]
     residuals = [np.zeros(one.measured.shape) for one in drives]
     folds = [Grams(one.white, one.blocks).by_fold(FOLDS) for one in drives]
+    wholes = [one.sum(axis=0) for one in folds]
     for fold in range(FOLDS):
-        trained = [np.delete(one, fold, axis=0).sum(axis=0) for one in folds]
+        trained = [whole - one[fold] for whole, one in zip(wholes, folds, strict=True)]
         values = [_fitted_values(drives, trained, name) for name in _MODELS]
         for one, gram, gain, left in zip(drives, trained, gains, residuals, strict=True):
             here = one.blocks % FOLDS == fold

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 from tpmsd.foundation.wheels import FloatArray
 
@@ -26,11 +27,15 @@ def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatA
         return _gain_of_scaled_column(float(part[0, 0]), float(gram[rows[0], rows[0]]), float(b[rows[0]]))
     A = part.T @ gram[rows[:, None], rows] @ part
     score = part.T @ b[rows]
-    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    A = A / np.outer(scale, scale) + 1e-6 * np.eye(len(score))
-    score = score / scale
+    diagonal = A.ravel()[:: len(score) + 1]
+    scale = np.sqrt(np.maximum(diagonal, 1e-300))
+    A /= scale[:, None] * scale
     # A column that the others already explain has next to nothing left: it cannot bring anything.
-    values = np.linalg.solve(A, score)
+    diagonal += 1e-6
+    score /= scale
+    _, _, values, failed = dgesv(A, score)
+    if failed:
+        raise np.linalg.LinAlgError("singular Gram matrix")
     return 0.5 * float(score @ values), float(values[0] / scale[0])
 
 

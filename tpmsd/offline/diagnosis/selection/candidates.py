@@ -35,6 +35,7 @@ class Candidates:
         self._gains: dict[tuple[Term, ...], float] = {}
         self._found: dict[tuple[Term, ...], list[tuple[float, list[Term]]]] = {}
         """Cached requests: the steps of a search ask for much of it again."""
+        self._last_projected: tuple[tuple[Term, ...], tuple[FloatArray, FloatArray]] | None = None
 
     def design(self, terms: Sequence[Term]) -> FloatArray:
         """Return the design (1 + p, k) of calibration and these terms."""
@@ -117,7 +118,7 @@ class Candidates:
     def _find_candidates(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
         """Return the additions to the chosen terms with their penalised gains, the best first, without
         cache."""
-        gram, b = self.evidence.projected(self.design(chosen))
+        gram, b = self._projected(chosen)
         taken = {term.key for term in chosen} | self._barred
         own, total = np.diag(gram), np.diag(self.evidence.total)[1:]
         free = [term for term in self.hypotheses.catalogue if term.key not in taken]
@@ -138,9 +139,18 @@ class Candidates:
         out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
-    def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """Return (penalised gain, terms) of pairs of the catalogue's single-value terms, the best first."""
-        gram, b = self.evidence.projected(self.design(chosen))
+    def _projected(self, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray]:
+        """Return Gram matrix and correlation of all columns with calibration and terms projected out; the
+        last ones are cached."""
+        key = tuple(terms)
+        if self._last_projected is None or self._last_projected[0] != key:
+            self._last_projected = key, self.evidence.projected(self.design(terms))
+        return self._last_projected[1]
+
+    def best_pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
+        """Return (penalised gain, terms) of the best pairs of the catalogue's single-value terms, the best
+        first."""
+        gram, b = self._projected(chosen)
         taken = {term.key for term in chosen}
         total = np.diag(self.evidence.total)[1:]
         single = [t for t in self.hypotheses.catalogue if t.key not in taken and t.design.shape[1] == 1]
@@ -161,16 +171,17 @@ class Candidates:
         gain = np.where(
             det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-30 + 1e-4 * np.outer(d, d)), 0.0
         )
-        keys, penalties, gains = [t.key for t in single], [t.penalty for t in single], gain.tolist()
-        out = []
-        for i, j in itertools.combinations(range(len(at)), 2):
-            if keys[i] != keys[j]:
-                out.append((gains[i][j] - (penalties[i] + penalties[j]), [single[i], single[j]]))
-        return sorted(out, key=lambda entry: -entry[0])
+        numbers: dict[tuple[str, ...], int] = {}
+        key = np.array([numbers.setdefault(t.key, len(numbers)) for t in single], dtype=int)
+        penalties = np.array([t.penalty for t in single])
+        first, second = np.nonzero(np.triu(key[:, None] != key, 1))
+        gains = gain[first, second] - (penalties[first] + penalties[second])
+        best = np.argsort(-gains, kind="stable")[: SETTINGS.selection.best_pairs]
+        return [(float(gains[k]), [single[first[k]], single[second[k]]]) for k in best]
 
     def pairs_over(self, covariate: str, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
         """Return (penalised gain, terms) of pairs of effects that show over a covariate, the best first."""
-        gram, b = self.evidence.projected(self.design(chosen))
+        gram, b = self._projected(chosen)
         taken = {term.key for term in chosen}
         over = [
             term

@@ -131,7 +131,7 @@ class Selector(Candidates):
         """Return the best term or pair to add; None where none exceeds the threshold."""
         threshold = self._admission_threshold(chosen)
         best: tuple[float, list[Term]] | None = None
-        for gain, terms in [*self.best_candidates(chosen), *self.pairs(chosen)[:3]]:
+        for gain, terms in [*self.best_candidates(chosen), *self.best_pairs(chosen)]:
             studentised_gain, needed = (
                 self._admission_gain(chosen, terms, gain, threshold),
                 self._least_gain_needed(chosen, terms[0]),
