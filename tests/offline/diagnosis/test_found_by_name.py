@@ -99,6 +99,24 @@ def test_drive_on_one_axle_and_brakes_on_the_other_are_two_effects() -> None:
         assert pytest.approx(truth, rel=0.1) == values[name][0]
 
 
+def test_tyres_as_stiff_as_their_load_are_slip_and_no_load() -> None:
+    """Force shifts load, and a tyre is as stiff against slip as it is loaded. No load changes radii so much:
+    of the impossible sign it does not stand in for slip."""
+    spec = Spec(duration_s=300.0, road="mixed", driven="front", stops=True)
+    trip, rng = driven(spec, 8)
+    power, braking = np.maximum(trip.force, 0.0)[:, None], np.maximum(-trip.force, 0.0)[:, None]
+    shift = 0.04 * trip.force[:, None]
+    slip = 9e-3 * (power / (1.0 - shift) * FRONT - braking / (1.0 + shift) * REAR)
+
+    found = findings(recording_of(observe(replace(trip, spin=slip), spec, rng, 8)))
+
+    assert "brake_slip" in found and {"longitudinal_slip", "drive_slip_curve"} & set(found)
+    assert "load_transfer_longitudinal" not in found
+    values = numbers(found["brake_slip"])
+    for name, truth in (("front", -9e-3), ("rear", 9e-3)):
+        assert pytest.approx(truth, abs=3.0 * values[name][1]) == values[name][0]
+
+
 def test_people_who_got_in_behind_are_a_load() -> None:
     """Rear wheels of 0.4 mm less radius after the longest stop turn faster from there on."""
     spec = Spec(duration_s=420.0, road="mixed", stops=True)

@@ -46,6 +46,7 @@ class LoadTransferLongitudinal(Effect):
             "c, metres of radius per m/s2",
             probe=1e-6,
             prior=TYPICAL,
+            fitted=(-5e-4, 2e-3),  # of the other sign no more than a simulation has alone: beyond, it is slip
         ),
     )
     coefficient: float
