@@ -14,8 +14,10 @@ from tpmsd.car.physics.motion import driven_mask
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale, separating_manoeuvre
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.offline.diagnosis.hypotheses.plausible import (
+    bounds_of,
     completion_matrix,
     completions_of,
+    is_plausible,
     nats_against_ratio,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
@@ -200,6 +202,15 @@ def test_either_axle_bears_any_share_of_the_brakes(values: list[float], nats: fl
     brakes = term("brake_slip", "front", "rear")
 
     assert pytest.approx(nats) == nats_against_ratio(brakes, np.array(values), 1e-8 * np.eye(2))
+
+
+def test_no_axle_turns_faster_under_the_brakes() -> None:
+    """An axle without brakes is within a thousandth of none; what turns faster by 4e-3 s2/m is not braked."""
+    brakes, bounds = term("brake_slip", "front", "rear"), bounds_of(perfect(CIRCLE).car)
+
+    assert is_plausible(brakes, np.array([-6e-4, 4e-3]), bounds)
+    assert not is_plausible(brakes, np.array([-4.4e-3, 8e-4]), bounds)
+    assert not is_plausible(brakes, np.array([4e-3, -2e-3]), bounds)
 
 
 def test_a_ratio_between_limits_loses_what_lies_beyond_the_nearer_one() -> None:

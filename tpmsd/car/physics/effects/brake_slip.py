@@ -63,6 +63,7 @@ class BrakeSlip(Effect):
             "c of the front wheels",
             probe=1e-5,
             prior=Prior(2e-3, 2e-3, "two thirds of the force in front"),
+            fitted=(-1e-3, 0.1),  # none on an axle that does not brake, give or take what load shift adds
         ),
         Parameter(
             "rear",
@@ -73,6 +74,7 @@ class BrakeSlip(Effect):
             "c of the rear wheels",
             probe=1e-5,
             prior=Prior(1e-3, 1.5e-3, "one third of the force at the rear"),
+            fitted=(-1e-3, 0.1),  # none on an axle that does not brake, give or take what load shift adds
         ),
         Parameter(
             "from_mps2",
