@@ -42,8 +42,9 @@ def dense_gram(search: Search, probes: list[Probe]) -> BlockGram:
                 of[k - first], of[k + 1 - first, i] = at.by_state[k, i], -1.0
                 step = np.zeros(len(probes))
                 if i < states:
-                    mean = by_rate[:, i, k + 1] + by_rate[:, :, k] @ at.by_state[k, i, :states]
-                    step = 0.5 * dt * mean
+                    step = (
+                        by_rate[:, :, k] @ at.by_rates[0, k, i] + by_rate[:, :, k + 1] @ at.by_rates[1, k, i]
+                    )
                 rows.append(np.r_[of.ravel(), step, at.step_residual[k, i]] / deviations[i])
         for i in range(total):
             of = np.zeros((last - first, total))

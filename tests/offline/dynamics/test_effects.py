@@ -316,9 +316,10 @@ def test_a_length_is_looked_for_with_the_lag_that_it_has_along_a_drive(kind: str
 
 
 def test_a_rolling_body_settles_at_the_lateral_acceleration() -> None:
-    """In a steady bend q = a_y and nothing else has changed; its natural frequency is the parameter's."""
+    """In a steady bend q = a_y and nothing else has changed; its natural frequency is the parameter's, faster
+    by what the car gives way."""
     model = SingleTrack(CAR)
-    effect = make_dynamics_effect("roll_dynamics", frequency_hz=1.5, damping=0.3)
+    effect = make_dynamics_effect("roll_dynamics", frequency_hz=1.5, damping=0.3, coupling=0.2)
     u = held(0.01, 20.0)
     x = np.zeros((1, 4))
     for _ in range(1000):
@@ -328,7 +329,54 @@ def test_a_rolling_body_settles_at_the_lateral_acceleration() -> None:
     assert x[0, :2] == pytest.approx(plain[0], rel=1e-3)
     assert x[0, 2] == pytest.approx(20.0 * x[0, 1], rel=1e-3)
     off = model.rates(x + np.array([[0.0, 0.0, 0.1, 0.0]]), u, (effect,))[0]
-    assert off[3] == pytest.approx(-((2 * math.pi * 1.5) ** 2) * 0.1, rel=1e-2)
+    assert off[3] == pytest.approx(-((2 * math.pi * 1.5) ** 2) * 0.1 / 0.8, rel=1e-2)
+
+
+@pytest.mark.parametrize("sprung_height", [380.0, 620.0])
+def test_a_swinging_body_moves_the_car_as_the_coupled_equations_say(sprung_height: float) -> None:
+    """m a - m_s h p'' = F and I_x p'' + c p' + k p = m_s h a, a = dv/dt + u r: with F a sine of W a, and with
+    it what an accelerometer reads at the axis, is F / m over 1 + C W^2 / (k / I_x - W^2 + i c W / I_x), of
+    coupling C = (m_s h)^2 / (m I_x); at the height of the centre of gravity it reads F / m."""
+    rolling, spring, damper, mass = 700.0, 55_000.0, 4_000.0, CAR.mass_kg
+    coupling = sprung_height**2 / (mass * rolling)
+    natural = math.sqrt(spring / rolling)
+    values = {
+        "frequency_hz": natural / (2.0 * math.pi),
+        "damping": 0.5 * damper / math.sqrt(spring * rolling),
+        "coupling": coupling,
+    }
+    model, time_s, wave = SingleTrack(CAR), np.arange(6000) * 0.002, 2.0 * math.pi * 1.1
+    push = 2.0 * np.exp(1j * wave * time_s)
+    step, u = 0.002, held(0.0, 20.0)
+    out = {}
+    for height in (0.0, 1.0):
+        roll = make_dynamics_effect("roll_dynamics", **values, sensor_height=height)
+        reached, rate, read, moved = 0.0, 0.0, [], []
+        for one in push.imag:
+            steer = replace(u, steer_rad=np.array(one * mass / CAR.cornering_front_n))
+            frame = model.frame(np.array([[0.0, 0.0, reached, rate]]), steer, (roll,))
+            read.append(float(frame.outputs["accel_lat"][0]))
+            moved.append(float(frame.rates["v"][0]))
+            rate += step * float(frame.rates["roll_rate_q"][0])  # semi-implicit
+            reached += step * rate
+        out[height] = np.array(read), np.array(moved)
+    gain = 1.0 / (1.0 + coupling * wave**2 / (natural**2 - wave**2 + 1j * damper * wave / rolling))
+    settled_part = slice(4000, None)
+
+    assert out[0.0][1][settled_part] == pytest.approx((gain * push).imag[settled_part], abs=0.03)
+    assert out[0.0][0][settled_part] == pytest.approx((gain * push).imag[settled_part], abs=0.03)
+    assert out[1.0][0] == pytest.approx(push.imag, abs=1e-9)
+    assert abs(gain - 1.0) > 0.1
+
+
+def test_a_body_without_coupling_does_nothing() -> None:
+    """Neutral are all frequencies, dampings and places of the sensor, where coupling is 0."""
+    for values in ({"frequency_hz": 1.0}, {"damping": 0.8}, {"sensor_height": 0.0}):
+        roll = make_dynamics_effect("roll_dynamics", coupling=0.0, **values)
+        state = np.array([[0.2, 0.15, 0.4, 0.3]])
+        frame, plain = SingleTrack(CAR).frame(state, U, (roll,)), SingleTrack(CAR).frame(X, U, ())
+        assert frame.rates["v"][0] == plain.rates["v"][0]
+        assert frame.outputs["accel_lat"][0] == plain.outputs["accel_lat"][0]
 
 
 def test_what_instruments_read() -> None:

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from tests.offline.dynamics.drives import folder, hidden, loaded
+from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.offline.dynamics.columns import Probe, gram, model_derivatives, step_derivative
 from tpmsd.offline.dynamics.findings import findings_of
 from tpmsd.offline.dynamics.located import nameless
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics
-from tpmsd.offline.dynamics.path import Setup, smoothed
+from tpmsd.offline.dynamics.noise import least_noise
+from tpmsd.offline.dynamics.path import Setup, path_log_likelihood, predicted_steps, smoothed
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import CandidateTerm, term_of
@@ -43,6 +46,51 @@ def test_a_path_with_roll_is_the_likeliest(tmp_path: Path) -> None:
     gradient = step.gradient()
     assert float(np.abs(at.path[:, 2]).max()) > 3.0
     assert float(np.vdot(gradient, step.factor.solve(gradient))) < 1e-5
+
+
+@pytest.mark.parametrize("name", ["frequency_hz", "damping", "coupling"])
+def test_columns_of_a_swinging_body_are_derivatives_of_its_steps(tmp_path: Path, name: str) -> None:
+    """A slow car with such a body follows within less than a step: steps are derived through it."""
+    search = begun(tmp_path)
+    setup = search.setup
+    slow = replace(setup.drive.inputs, speed_mps=0.5 * setup.drive.inputs.speed_mps)
+    setup = replace(setup, drive=replace(setup.drive, inputs=slow))
+    theta = (replace(ROLL, coupling=0.6),)
+    noise = least_noise(setup.sizes(theta), setup.disturbances, search.noise.outputs)
+    at = smoothed(setup, theta, setup.start(theta), noise)
+    changed = (replace(theta[0], **{name: getattr(theta[0], name) + 1e-4}),)
+
+    def ahead(model: Theta) -> np.ndarray:
+        inputs, names = setup.inputs(model), setup.states(model)
+        rates, _, _ = setup.evaluate(at.path, inputs, model, names)
+        dt = np.diff(setup.drive.time_s)
+        return predicted_steps(setup, model, at.path, inputs, dt, rates.T[:-1])[:, : len(names)]
+
+    exact = (ahead(changed) - ahead(theta))[setup.drive.linked] / 1e-4
+    by_rate, _ = model_derivatives(setup, theta, at, [Probe(changed, 1e-4)])
+    found = step_derivative(at.by_rates, by_rate[0]).T[setup.drive.linked]
+
+    assert np.all(np.std(found - exact, axis=0) < 0.1 * np.std(exact, axis=0))
+
+
+def test_the_likelihood_of_a_swinging_body_counts_all_paths(tmp_path: Path) -> None:
+    """Gradients by its parameters are those of the likelihood with all paths integrated: that of the
+    likeliest path alone would let the body swing more than it does."""
+    search = begun(tmp_path)
+    search.terms = [term_of(ROLL, search.setup.baseline)]
+    start = search._adapt_to_states(search.at.path)
+    search.at = at = smoothed(search.setup, search.theta, start, search.noise)
+    _, probes = search.own(0)
+    found = gram(search.setup, search.theta, at, search.noise, probes)
+    alone = gram(search.setup, search.theta, at, search.noise, [replace(probes[2], loosens=False)])
+    rest, logs = (search.terms[0].at_rest(),), []
+    for coupling in (0.395, 0.405):
+        moved = smoothed(search.setup, (replace(ROLL, coupling=coupling),), at.path, search.noise)
+        logs.append(path_log_likelihood(search.setup, moved, search.noise, rest))
+    whole = (logs[1] - logs[0]) / 0.01
+
+    assert found.gradient.sum(axis=0)[2] == pytest.approx(whole, rel=0.05)
+    assert alone.gradient.sum() != pytest.approx(whole, rel=0.08)
 
 
 def test_states_go_with_their_effects(tmp_path: Path) -> None:
@@ -159,7 +207,7 @@ def test_confounded_terms_do_not_crowd_out_the_others(tmp_path: Path) -> None:
     names = ["roll_steer", "camber_thrust", "yaw_rate_bias", "yaw_rate_scale", "gyro_delay", "mass_error"]
     terms = {term.name: term for term in search.offered()}
 
-    assert not search._add_first([(terms[name], 20.0 - k) for k, name in enumerate(names)])
+    assert not search._add_first([(terms[name], 20.0 - k) for k, name in enumerate(names)], 7.0)
 
     assert Contested.attempts == names[:5]
     assert set(search.rejected) == set(names[:5])

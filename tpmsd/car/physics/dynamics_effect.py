@@ -61,10 +61,14 @@ class DynamicsEffect:
     """Standard deviation of its first value, over the value, by constants of the car that nobody states."""
     separable: ClassVar[bool] = False
     """True if each of its parameters may have a value while the others do nothing."""
+    shaped_by: ClassVar[tuple[str, ...]] = ()
+    """Parameters that do nothing while the others are neutral, and have no neutral value themselves."""
     shows_in: ClassVar[Mapping[str, str]] = {}
     """Outputs by parameter, for parameters that show in one output alone."""
     composes: ClassVar[bool] = True
     """True if two of it act as one: not where it adds states or sets a value in place of the configured."""
+    acts_with: ClassVar[tuple[str, ...]] = ()
+    """Effects without any of which it does nothing; empty: it acts alone."""
     confounded_with: ClassVar[tuple[str, ...]] = ()
     """Effects that it is often confounded with, for the reference."""
     acts_early: ClassVar[bool] = False
@@ -146,6 +150,10 @@ class DynamicsEffect:
     def fastest_rate_per_s(self, speed_mps: float) -> float:
         """Return the rate constant of its own states at most at this speed."""
         return 0.0
+
+    def mass_share(self) -> float:
+        """Return the least share of the car's mass that sudden forces of the tyres move sideways."""
+        return 1.0
 
     def decays_per_s(self, speed_mps: FloatArray) -> dict[str, FloatArray]:
         """Return the rate constants, 1/s, of its first-order states, by state, at these speeds; empty where

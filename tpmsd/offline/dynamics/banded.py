@@ -33,6 +33,10 @@ class BandedFactor:
         self._factor = factor
         self._shape = (n, s)
 
+    def half_log_determinant(self) -> float:
+        """Return half the logarithm of the matrix's determinant."""
+        return float(np.sum(np.log(self._factor[0])))
+
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for right-hand sides (n, s) or (n, s, p)."""
         n, s = self._shape

@@ -18,7 +18,7 @@ from tpmsd.car.physics.dynamics_effect import same_motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.noise import PathNoise
-from tpmsd.offline.dynamics.path import Linear, Setup, Weighted
+from tpmsd.offline.dynamics.path import Linear, Setup, Weighted, linear, subset_of_blocks
 
 _CACHED = 50_000
 """Rows times columns that are computed at once: with their states and outputs some megabytes."""
@@ -34,6 +34,8 @@ class Probe:
     weights: FloatArray | None = None
     """(n,) where the change acts, for a basis function of a spline; probes of one model share its
     evaluation."""
+    loosens: bool = False
+    """True if the change leaves the path much more or less room: the likelihood's volume counts."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,12 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Seque
         return BlockGram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
     merged, indices = _merge_disjoint_probes(probes, drive.starts)
     inner = _gram_of_columns(setup, theta, at, noise, merged)
+    loosening = [k for k, probe in enumerate(merged) if probe.loosens]
+    if loosening:
+        rows = drive.ends - drive.starts
+        inner.gradient[:, loosening] += rows[:, None] * _volume_gradient(
+            setup, theta, at, noise, [merged[k] for k in loosening]
+        )
     if len(merged) == len(probes):
         return inner
     information = np.zeros((len(drive.starts), len(probes), len(probes)))
@@ -100,6 +108,24 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Seque
         information[block][np.ix_(own, own)] = inner.information[block][np.ix_(used, used)]
         gradient[block, own] = inner.gradient[block, used]
     return BlockGram(information, gradient)
+
+
+def _volume_gradient(
+    setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]
+) -> FloatArray:
+    """Return the derivatives of the log of the paths' volume by the probes, per row, (p,).
+
+    A likelihood integrates over all paths: with their information H it has the factor 1 / sqrt(det H). A body
+    that swings lets sudden forces show more in a reading; of two such models the likelihood at the
+    likeliest path alone would prefer the looser one. Some blocks are enough.
+    """
+    few, part = subset_of_blocks(setup, at)
+    path = part.path
+    own = linear(few, theta, path).weighted(few, noise).factor.half_log_determinant()
+    moved = [linear(few, one.theta, path).weighted(few, noise) for one in probes]
+    loss = [one.factor.half_log_determinant() - own for one in moved]
+    sizes = [probe.size for probe in probes]
+    return np.asarray(-np.array(loss) / np.array(sizes) / len(path))
 
 
 def _merge_disjoint_probes(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], IntArray]:
@@ -149,9 +175,7 @@ def _gram_of_columns(
     information, gradient = [], []
     for blocks in _groups_of_blocks(drive.starts, drive.ends, count):
         begin = int(drive.starts[blocks][0])
-        step, read, asked = _whitened_columns(
-            setup, at, weighted, *derivatives, begin, drive.ends[blocks][-1]
-        )
+        step, read, asked = _whitened_columns(at, weighted, *derivatives, begin, drive.ends[blocks][-1])
         gone = weighted.factor.half_solve_rows(asked, begin)
         for first, last in zip(drive.starts[blocks], drive.ends[blocks], strict=True):
             own, between = slice(first - begin, last - begin), slice(first - begin, last - begin - 1)
@@ -176,7 +200,6 @@ def _groups_of_blocks(starts: IntArray, ends: IntArray, columns: int) -> list[sl
 
 
 def _whitened_columns(
-    setup: Setup,
     at: Linear,
     weighted: Weighted,
     by_rate: FloatArray,
@@ -187,16 +210,15 @@ def _whitened_columns(
     """Return the whitened columns of the n rows from `first` to `last`, those of steps (n - 1, s, p) and of
     readings (n, m, p), and their right-hand sides for the path, (p, n, t); nothing links these rows with
     others."""
-    drive, states = setup.drive, by_rate.shape[1]
+    states = by_rate.shape[1]
     rows, links = slice(first, last), slice(first, last - 1)
-    half = 0.5 * np.where(drive.linked[links], np.diff(drive.time_s[rows]), 0.0)[:, None, None]
     by_state = at.by_state[links, :states]
     root = np.sqrt(weighted.step_weight[links, :states, None])
     reading_root = np.sqrt(weighted.reading_weight[rows, :, None])
     rate, read = (np.ascontiguousarray(one[:, :, rows].transpose(2, 1, 0)) for one in (by_rate, by_output))
-    step = by_state[:, :, :states] @ rate[:-1]
-    step += rate[1:]
-    step *= root * half
+    step = at.by_rates[0, links] @ rate[:-1]
+    step += at.by_rates[1, links] @ rate[1:]
+    step *= root
     read *= reading_root
     pulled = root * step
     asked = np.swapaxes(reading_root * at.outputs_by_state[rows], 1, 2) @ read
@@ -205,13 +227,7 @@ def _whitened_columns(
     return step, read, np.moveaxis(asked, 2, 0)
 
 
-def step_derivative(by_state: FloatArray, half: FloatArray, by_rate: FloatArray) -> FloatArray:
-    """Return the derivative of the steps, (s, n - 1), by the trapezium rule over each.
-
-    `by_state` is (s, t, n - 1), `half` half of each step in s, `by_rate` (s, n).
-    """
-    out = by_rate[:, 1:].copy()
-    for i in range(len(out)):
-        for j in range(len(out)):
-            out[i] += by_state[i, j] * by_rate[j, :-1]
-    return np.asarray(out * half)
+def step_derivative(by_rates: FloatArray, by_rate: FloatArray) -> FloatArray:
+    """Return the derivative of the steps, (s, n - 1), by a change of the rates, (s, n), linear over each."""
+    rate = by_rate.T[:, :, None]
+    return np.asarray((by_rates[0] @ rate[:-1] + by_rates[1] @ rate[1:])[:, :, 0].T)

@@ -212,7 +212,9 @@ class ModelStatistics:
         covariance = covariance + np.diag((SETTINGS.relative_std * away) ** 2)
         size = 2.0 * max(loss, 0.0)
         if term.has_neutral:
-            size = float(away @ np.linalg.solve(covariance, away))
+            acts = [term.free.index(name) for name in term.strengths]
+            away = away[acts]
+            size = float(away @ np.linalg.solve(covariance[np.ix_(acts, acts)], away))
         return Slot(
             term,
             self.evidence(k),

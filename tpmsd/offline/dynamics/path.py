@@ -143,6 +143,9 @@ class Linear:
     """(n - 1, t, t) of the step."""
     outputs_by_state: FloatArray
     """(n, m, t)"""
+    by_rates: FloatArray
+    """(2, n - 1, s, s) of the step, by what is added to the rates at its start and at its end, linear between
+    them; 0 between blocks, empty unless the disturbances count."""
     _weighted: list[tuple[PathNoise, Weighted]] = field(default_factory=list, compare=False, repr=False)
 
     def weighted(self, setup: Setup, noise: PathNoise) -> Weighted:
@@ -188,8 +191,8 @@ def linear(
     if chained:
         for name, derivatives in _delayed_by_state(setup, theta, there, earlier, jacobian, driven).items():
             outputs_by[:, setup.channels.index(name)] = derivatives
-    by_state = transition(setup, theta, inputs, jacobian, dt, count)
-    return Linear(path, residual, setup.readings() - predicted.T, by_state, outputs_by)
+    by_state, by_rates = transition(setup, theta, inputs, jacobian, dt, count, driven)
+    return Linear(path, residual, setup.readings() - predicted.T, by_state, outputs_by, by_rates)
 
 
 @dataclass(frozen=True)
@@ -268,7 +271,7 @@ def _delayed_by_state(
         acting = [effect for effect in theta if set(effect.states) <= set(at.states)]
         substeps = setup.baseline.substeps(now.inputs, abs(span), acting)
         mean = np.moveaxis(0.5 * (before[:, :count] + there[:, :count]), 0, -1) * (-span / substeps)
-        step, push = _exponential(mean, substeps)
+        step, push, _ = _exponential(mean, substeps)
         by_path = _matrix_products(step, by_path)
         by_path[:, total - pushes :] += push
         if name in setup.channels:
@@ -287,36 +290,43 @@ def _state_selector(at: _Evaluated) -> FloatArray:
 
 
 def transition(
-    setup: Setup, theta: Theta, inputs: Inputs, jacobian: FloatArray, dt: FloatArray, count: int
-) -> FloatArray:
-    """Return the derivatives of the steps, (n - 1, t, t): the exponential of the mean Jacobian."""
+    setup: Setup, theta: Theta, inputs: Inputs, jacobian: FloatArray, dt: FloatArray, count: int, driven: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of the steps, (n - 1, t, t): the exponential of the mean Jacobian; and those by
+    rates at their starts and ends, (2, n - 1, s, s), empty unless `driven`."""
     substeps = setup.baseline.substeps(inputs, float(np.median(dt)), theta)
     mean = np.moveaxis(0.5 * (jacobian[:-1, :count] + jacobian[1:, :count]), 0, -1) * (dt / substeps)
-    by_own, by_driven = _exponential(mean, substeps)
+    by_own, by_driven, by_rates = _exponential(mean, substeps, driven)
+    by_rates = np.moveaxis(by_rates * np.where(setup.drive.linked, dt / substeps, 0.0), -1, 1)
     out = np.zeros((len(dt), len(jacobian[0]), len(jacobian[0])))
     out[:, :count, :count] = np.moveaxis(by_own, -1, 0)
     out[:, :count, count:] = np.moveaxis(by_driven, -1, 0)
     for k in range(count, out.shape[1]):
         out[:, k, k] = np.exp(-dt / SETTINGS.disturbance_time_s)
-    return out
+    return out, np.ascontiguousarray(by_rates)
 
 
-def _exponential(mean: FloatArray, substeps: int) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of so many steps by states (s, s, n) and by disturbances (s, d, n).
+def _exponential(
+    mean: FloatArray, substeps: int, by_rates: bool = False
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the derivatives of so many steps by states (s, s, n) and by disturbances (s, d, n), and of one
+    time unit's by rates at the start and at the end, (2, s, s, n), empty unless `by_rates`.
 
-    `mean` is the Jacobian times one of them, (s, t, n).
+    `mean` is the Jacobian times one of them, (s, t, n), which is the time unit.
     """
     count = len(mean)
     own, driven = np.ascontiguousarray(mean[:, :count]), np.ascontiguousarray(mean[:, count:])
     # exp [A B; 0 0] = [exp A, P B; 0 1] with P = 1 + A / 2 + A^2 / 6 + A^3 / 24 and exp A = 1 + A P
-    series = own / 4.0
-    for order in (3.0, 2.0):
-        series = _matrix_products(own, _add_identity(series)) / order
-    series = _add_identity(series)
+    # a rate that rises to 1 over the step gives the integral of P's: 1 / 2 + A / 6 + A^2 / 24
+    rising = 0.5 * _add_identity(_matrix_products(own, _add_identity(own / 4.0)) / 3.0)
+    series = _add_identity(_matrix_products(own, rising))
     by_own, by_driven = _add_identity(_matrix_products(own, series)), _matrix_products(series, driven)
     for _ in range(int(np.log2(substeps))):
+        if by_rates:
+            rising = 0.5 * (_matrix_products(by_own, rising) + rising + series)
+            series = _matrix_products(by_own, series) + series
         by_own, by_driven = _matrix_products(by_own, by_own), _matrix_products(by_own, by_driven) + by_driven
-    return by_own, by_driven
+    return by_own, by_driven, np.stack([series - rising, rising]) if by_rates else np.zeros((2, 0, 0, 1))
 
 
 def _add_identity(matrix: FloatArray) -> FloatArray:
@@ -466,6 +476,22 @@ def path_cost(setup: Setup, at: Linear, noise: PathNoise) -> float:
     return float(steps.sum() + np.nansum(at.reading_residual**2 / noise.outputs**2) + starts.sum())
 
 
+def path_log_likelihood(setup: Setup, at: Linear, noise: PathNoise, rest: Theta | None = None) -> float:
+    """Return the log-likelihood of the likeliest path, up to what all models of the drive share.
+
+    With `rest`, the effects with every body that swings at rest, all paths are integrated by Laplace's
+    method: a model whose readings follow sudden forces more has likelier paths and fewer of them. Models
+    without such a body differ too little in it.
+    """
+    likelihood = -0.5 * path_cost(setup, at, noise)
+    if rest is None:
+        return likelihood
+    volumes = [
+        one.weighted(setup, noise).factor.half_log_determinant() for one in (at, linear(setup, rest, at.path))
+    ]
+    return likelihood - volumes[0] + volumes[1]
+
+
 def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least: PathNoise) -> PathNoise:
     """Return the noise under which the residuals are as large as they are expected to be.
 
@@ -532,6 +558,7 @@ def subset_of_blocks(setup: Setup, at: Linear, besides: BoolArray | None = None)
         at.reading_residual[rows],
         at.by_state[np.minimum(links, n - 2)],
         at.outputs_by_state[rows],
+        at.by_rates[:, np.minimum(links, n - 2)],
     )
     return replace(setup, drive=few), part
 

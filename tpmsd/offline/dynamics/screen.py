@@ -23,9 +23,8 @@ def row_scores(search: Search, probe: Probe) -> FloatArray:
     by_rate, by_output = model_derivatives(setup, search.theta, at, [probe])
     count = by_rate.shape[1]
     dt = np.diff(setup.drive.time_s)
-    by_state = np.ascontiguousarray(np.moveaxis(at.by_state[:, :count], 0, -1))
     linked = setup.drive.linked
-    step = step_derivative(by_state, np.where(linked, 0.5 * dt, 0.0), by_rate[0])
+    step = step_derivative(at.by_rates, by_rate[0])
     pull = np.where(linked[:, None], at.step_residual / noise.step_variance(dt), 0.0)[:, :count]
     out = np.zeros(len(at.path))
     out[:-1] += np.sum(pull * step.T, axis=1)

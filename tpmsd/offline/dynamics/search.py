@@ -35,7 +35,7 @@ from tpmsd.offline.dynamics.path import (
 )
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import CandidateTerm, are_confounded, candidates
+from tpmsd.offline.dynamics.terms import CandidateTerm, acts_jointly, are_confounded, candidates
 
 if TYPE_CHECKING:
     from tpmsd.offline.dynamics.located import LocatedTerm
@@ -182,7 +182,8 @@ class Search:
 
     def fit(self, rounds: int = 3) -> None:
         """Fit parameters, path and noise in turn, until no value moves or the promised gain is negligible."""
-        for k in range(rounds):
+        swings = any(term.swings for term in self.terms)
+        for k in range(SETTINGS.swing_rounds if swings else rounds):
             if not self.terms:
                 break
             columns, probes = self.own(0)
@@ -191,14 +192,27 @@ class Search:
             ratio = statistics.addition(PriorColumns((), np.zeros(0), np.zeros(0)), everything).overdispersion
             step, covariance = statistics.fit(replace(everything, precision=everything.precision * ratio))
             fall = float(step @ np.linalg.solve(covariance, step))
-            self._move_terms(step)
+            self._move_terms(step * self._trusted_share(step))
             self.at = smoothed(self.setup, self.theta, self._adapt_to_states(self.at.path), self.noise)
             size = np.concatenate([1.0 / np.sqrt(part.precision) for part in columns])
             if fall < SETTINGS.path_tolerance or np.all(np.abs(step) < SETTINGS.settled * size):
                 break
-            if k == 0:
+            if k == 0 or swings:
                 self._refit_noise(4)
         self._refit_noise(3)
+
+    def _trusted_share(self, step: FloatArray) -> float:
+        """Return the share of a step that moves a swinging body's values by one prior deviation at most.
+
+        How much room the path has bends within that.
+        """
+        at, largest = 0, 1.0
+        for term in self.terms:
+            if term.swings:
+                size = np.abs(step[at : at + term.columns]) / np.array(term.prior_std)
+                largest = max(largest, float(size.max()))
+            at += term.columns
+        return 1.0 / largest
 
     def fit_until_converged(self) -> None:
         """Fit until no value moves; stop and restore where a fit predicts worse than the model at the start.
@@ -259,6 +273,8 @@ class Search:
         covariates = self.covariates if self.terms else {}
         for k, term in enumerate(self.terms):
             own = term.probes(self.without(k), covariates)
+            if term.swings:
+                own = [replace(probe, loosens=True) for probe in own]
             offset, precision = term.prior()
             columns.append(PriorColumns(tuple(range(first, first + len(own))), offset, precision))
             probes += own
@@ -315,7 +331,10 @@ class Search:
         columns, probes = self.own(0)
         removal: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
         for k, term in enumerate(self.terms):
-            if term.effect.states or term.free[0].startswith("heights["):
+            if term.effect.shaped_by:
+                removal.append(((len(probes),), (1.0,)))
+                probes.append(Probe((*self.without(k), term.at_rest()), 1.0, loosens=True))
+            elif term.effect.states or term.free[0].startswith("heights["):
                 away = [term.neutral.get(name, 0.0) - term.value(name) for name in term.free]
                 removal.append((columns[k].index, tuple(away)))
             else:
@@ -353,10 +372,10 @@ class Search:
         coarse = self._on_part_of_blocks()
         if coarse is not self:
             ranked = coarse.ranked_terms(offered, SETTINGS.plain * threshold)
-            if ranked and self._add_first(ranked):
+            if ranked and self._add_first(ranked, threshold):
                 return True
         return self._add_first(
-            self.ranked_terms([t for t in offered if t.name not in self.rejected], threshold)
+            self.ranked_terms([t for t in offered if t.name not in self.rejected], threshold), threshold
         )
 
     def _on_part_of_blocks(self) -> Search:
@@ -389,17 +408,21 @@ class Search:
                 out[term.key] = (plain, float(scores[k]))
         return list(out.values())
 
-    def _add_first(self, terms: Sequence[tuple[CandidateTerm, float]]) -> bool:
-        """Add the first term that predicts no worse; False if none of those that are tried does. Terms that
-        are confounded with one already tried count as one with it: they would crowd out the others."""
+    def _add_first(self, terms: Sequence[tuple[CandidateTerm, float]], threshold: float) -> bool:
+        """Add the first term that predicts no worse and that the next backward step would not take out; False
+        if none of those that are tried does. Terms that are confounded with one already tried count as one
+        with it: they would crowd out the others."""
         distinct: list[CandidateTerm] = []
         for term, evidence in terms:
             if not any(are_confounded(term, one) for one in distinct):
                 if len(distinct) == SETTINGS.tried:
                     break
                 distinct.append(term)
+            before = self._snapshot()
             if self.try_terms([*self.terms, term]):
-                return True
+                if self.look([]).evidence(len(self.terms) - 1) >= 0.5 * threshold:
+                    return True
+                self._restore(before)
             self.rejected[term.name] = evidence
         return False
 
@@ -418,7 +441,8 @@ class Search:
     def _try_terms(self, terms: list[CandidateTerm], most: float) -> bool:
         """Fit these terms and keep them if the error grows by `most` at most; True if kept, else restored."""
         before = self._snapshot()
-        self.terms = [_within_limits(term) for term in terms]
+        there = (*self.base, *(term.effect for term in terms))
+        self.terms = [_within_limits(term) for term in terms if acts_jointly(term.effect, there)]
         try:
             self.at = smoothed(self.setup, self.theta, self._adapt_to_states(self.at.path), self.noise)
             self.fit()

@@ -57,6 +57,9 @@ class DynamicsSettings:
     five of its standard deviations, while the noise still falls."""
     settled: float = 1e-3
     """Change of every value between two fits, in standard deviations of its prior, below which it stands."""
+    swing_rounds: int = 8
+    """Rounds of a fit with a swinging body, at most: its values move by one standard deviation of their
+    priors in each, and noise falls with them."""
     path_rounds: int = 8
     """Steps of Gauss-Newton for the path, at most."""
     path_tolerance: float = 1e-2

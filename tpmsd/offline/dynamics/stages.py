@@ -18,7 +18,7 @@ from tpmsd.offline.dynamics.columns import gram
 from tpmsd.offline.dynamics.evidence import Statistics
 from tpmsd.offline.dynamics.located import fit_located_term, located_terms, nameless, nameless_penalty, slopes
 from tpmsd.offline.dynamics.model_statistics import threshold_of
-from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
+from tpmsd.offline.dynamics.path import Setup, path_log_likelihood, smoothed
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import CandidateTerm
@@ -160,7 +160,9 @@ def log_posterior_parts(search: Search, judge: Search) -> tuple[float, float]:
     effects, noise = search.theta, judge.noise
     noise = noise.for_states(search.noise.states, search.noise)
     at = smoothed(search.setup, effects, search.at.path, noise)
-    likelihood = -0.5 * path_cost(search.setup, at, noise)
+    swings = any(term.swings for term in search.terms)
+    rest = (*search.base, *(term.at_rest() if term.swings else term.effect for term in search.terms))
+    likelihood = path_log_likelihood(search.setup, at, noise, rest if swings else None)
     if not search.terms:
         return likelihood, 0.0
     _, probes = search.own(0)

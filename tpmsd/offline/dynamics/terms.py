@@ -63,6 +63,20 @@ class CandidateTerm:
         """Return True if each of several free parameters may have a value alone."""
         return self.effect.separable and not self.jump and len(self.free) > 1
 
+    @property
+    def strengths(self) -> tuple[str, ...]:
+        """Return the free parameters whose neutral values make the effect do nothing."""
+        return tuple(name for name in self.free if name not in self.effect.shaped_by)
+
+    @property
+    def swings(self) -> bool:
+        """Return True if a part of the car's mass swings with it."""
+        return self.effect.mass_share() < 1.0
+
+    def at_rest(self) -> DynamicsEffect:
+        """Return the effect with its strengths neutral: it does nothing and has its states."""
+        return replace(self.effect, **{name: self.neutral[name] for name in self.strengths})
+
     def value(self, name: str) -> float:
         """Return the value of a free parameter."""
         if name.startswith("heights["):
@@ -200,7 +214,7 @@ def candidates(
     for name, cls in DYNAMICS_EFFECTS.items():
         if name in there or not cls.numbers() or cls.kind == EVENT:
             continue
-        if not cls.applies(baseline.nonlinear, baseline.forces):
+        if not (cls.applies(baseline.nonlinear, baseline.forces) and acts_jointly(cls, taken)):
             continue
         neutral = cls.neutral_values(baseline.car, baseline.nonlinear)
         if not cls.grid or cls.near_neutral(baseline.nonlinear):
@@ -210,12 +224,16 @@ def candidates(
                 term = term_of(effect, baseline, alternatives=len(variants))
                 if term.free_in(channels):
                     out.append(term.only(term.free_in(channels)))
-        out += [
-            term_of(cls(**values), baseline, jump=True, alternatives=len(cls.grid))
-            for values in cls.grid
-            if not _all_equal(values, neutral)
-        ]
+        for values in cls.grid:
+            if not _all_equal(values, neutral):
+                term = term_of(cls(**values), baseline, jump=True, alternatives=len(cls.grid))
+                out.append(term.only(term.free_in(channels)))
     return out
+
+
+def acts_jointly(effect: type[DynamicsEffect] | DynamicsEffect, others: Theta) -> bool:
+    """Return True if an effect acts alone, or one that it acts with is there."""
+    return not effect.acts_with or any(other.name in effect.acts_with for other in others)
 
 
 def _all_equal(values: Mapping[str, float], neutral: Mapping[str, float]) -> bool:

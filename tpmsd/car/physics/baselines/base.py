@@ -176,7 +176,8 @@ class Baseline(ABC):
     def _fastest_rate_per_s(self, u: Inputs, theta: Theta) -> float:
         """Return the fastest rate constant of car and effects at these speeds, 1/s."""
         slowest = max(float(np.min(u.speed_mps)), MIN_MPS)
-        stiff = (self.car.cornering_front_n + self.car.cornering_rear_n) / (self.car.mass_kg * slowest)
+        mass = self.car.mass_kg * math.prod(effect.mass_share() for effect in theta)
+        stiff = (self.car.cornering_front_n + self.car.cornering_rear_n) / (mass * slowest)
         fastest = float(np.max(u.speed_mps))
         return max([stiff, *(effect.fastest_rate_per_s(fastest) for effect in theta)])
 

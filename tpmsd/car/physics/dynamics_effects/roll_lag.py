@@ -38,6 +38,7 @@ class RollLag(DynamicsEffect):
     states = (ROLL_ACCEL, ROLL_ACCEL_RATE)
     state_sizes = (10.0, 100.0)  # m/s2 and, at 1.6 Hz, m/s3
     composes = False
+    acts_with = ("roll_steer", "camber_thrust")
     confounded_with = ("roll_dynamics", "steering_delay")
     parameters = (
         Parameter(
