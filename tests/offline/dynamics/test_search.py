@@ -207,10 +207,40 @@ def test_confounded_terms_do_not_crowd_out_the_others(tmp_path: Path) -> None:
     names = ["roll_steer", "camber_thrust", "yaw_rate_bias", "yaw_rate_scale", "gyro_delay", "mass_error"]
     terms = {term.name: term for term in search.offered()}
 
-    assert not search._add_first([(terms[name], 20.0 - k) for k, name in enumerate(names)], 7.0)
+    ranked = [(terms[name], 20.0 - k) for k, name in enumerate(names)]
+
+    assert not search._add_first(ranked, 7.0, search.rows)
 
     assert Contested.attempts == names[:5]
     assert set(search.rejected) == set(names[:5])
+
+
+class Overstated(Contested):
+    """A selection in which a term has far less evidence once it is fitted than it promised."""
+
+    def look(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
+        """Return hardly any evidence for every term."""
+        return Mock(evidence=lambda k: 1.0, competitors=lambda k: [])
+
+    def try_terms(self, terms: list[CandidateTerm]) -> bool:
+        """Take it."""
+        super().try_terms(terms)
+        self.terms = terms
+        return True
+
+
+def test_a_term_that_promised_too_much_must_promise_more_to_be_fitted_again(tmp_path: Path) -> None:
+    """One of 20 nats had 1 when fitted; it is fitted again if it promises 23, and not if 22, to keep 3.5."""
+    Contested.attempts = []
+    search = begun(tmp_path, Overstated)
+    term = next(one for one in search.offered() if one.name == "gyro_delay")
+
+    for promised in (20.0, 22.0, 23.0):
+        assert not search._add_first([(term, promised)], 7.0, search.rows)
+        assert search.rejected == {"gyro_delay": promised}
+
+    assert Contested.attempts == ["gyro_delay", "gyro_delay"]
+    assert search.terms == []
 
 
 def test_a_tidy_pass_looks_at_a_part_first(tmp_path: Path) -> None:

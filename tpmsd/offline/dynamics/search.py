@@ -123,6 +123,9 @@ class Search:
     """Answers about the model as it stands."""
     rejected: dict[str, float] = field(default_factory=dict)
     """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
+    overstated: dict[str, float] = field(default_factory=dict)
+    """Log evidence per row that effects promised beyond what their fits then had, of those that were not
+    added for it: they must promise that much more to be fitted again."""
 
     def __post_init__(self) -> None:
         setup = self.setup
@@ -372,11 +375,10 @@ class Search:
         coarse = self._on_part_of_blocks()
         if coarse is not self:
             ranked = coarse.ranked_terms(offered, SETTINGS.plain * threshold)
-            if ranked and self._add_first(ranked, threshold):
+            if ranked and self._add_first(ranked, threshold, coarse.rows):
                 return True
-        return self._add_first(
-            self.ranked_terms([t for t in offered if t.name not in self.rejected], threshold), threshold
-        )
+        ranked = self.ranked_terms([t for t in offered if t.name not in self.rejected], threshold)
+        return self._add_first(ranked, threshold, self.rows)
 
     def _on_part_of_blocks(self) -> Search:
         """Return the model on a part of the blocks, cached; the search itself where that is all blocks."""
@@ -408,10 +410,10 @@ class Search:
                 out[term.key] = (plain, float(scores[k]))
         return list(out.values())
 
-    def _add_first(self, terms: Sequence[tuple[CandidateTerm, float]], threshold: float) -> bool:
+    def _add_first(self, terms: Sequence[tuple[CandidateTerm, float]], threshold: float, rows: int) -> bool:
         """Add the first term that predicts no worse and that the next backward step would not take out; False
         if none of those that are tried does. Terms that are confounded with one already tried count as one
-        with it: they would crowd out the others."""
+        with it: they would crowd out the others. Evidence is that in so many rows."""
         distinct: list[CandidateTerm] = []
         for term, evidence in terms:
             if not any(are_confounded(term, one) for one in distinct):
@@ -419,12 +421,20 @@ class Search:
                     break
                 distinct.append(term)
             before = self._snapshot()
-            if self.try_terms([*self.terms, term]):
-                if self.look([]).evidence(len(self.terms) - 1) >= 0.5 * threshold:
+            promises = evidence - self.overstated.get(term.name, 0.0) * rows >= 0.5 * threshold
+            if promises and self.try_terms([*self.terms, term]):
+                found = self.look([]).evidence(len(self.terms) - 1)
+                if found >= 0.5 * threshold:
                     return True
                 self._restore(before)
+                self.overstated[term.name] = evidence / rows - found / self.rows
             self.rejected[term.name] = evidence
         return False
+
+    @property
+    def rows(self) -> int:
+        """Return the number of the drive's rows."""
+        return len(self.setup.drive.time_s)
 
     def try_terms(self, terms: list[CandidateTerm]) -> bool:
         """Fit these terms and keep them if the model predicts no worse; True if kept, else all is restored.
@@ -484,7 +494,10 @@ class Search:
             if term.nuisance or term.key == self.kept:
                 continue
             competitors = look.competitors(k)
-            better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.confounded_nats
+            if not competitors:
+                continue
+            promised = competitors[0][1] - self.overstated.get(competitors[0][0].name, 0.0) * self.rows
+            better = promised > look.evidence(k) + SETTINGS.confounded_nats
             if better and competitors[0][0].key not in worse and self._exchange(k, competitors[0][0], worse):
                 return True
         return False
