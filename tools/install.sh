@@ -64,6 +64,9 @@ settle_environment() {
     fi
     # Where the sources came from is nobody's business later, and would differ between two builds.
     rm -f "$program"/lib/python3*/site-packages/tpmsd-*.dist-info/direct_url.json
+    # The lists of installed files have hashes of it and of the commands, which named the folder.
+    sed -i -e '/^\.\.\/\.\.\/\.\.\/bin\//d' -e '/\/direct_url\.json,/d' \
+        "$program"/lib/python3*/site-packages/*.dist-info/RECORD
     sed -i '/^command = /d' "$program/pyvenv.cfg"
     [ -n "${NO_BYTECODE:-}" ] ||
         "$program/bin/python" -m compileall -q -j 0 ${DESTDIR:+-s "$DESTDIR" -p /} "$program/lib" || true

@@ -58,6 +58,15 @@ def test_nothing_names_the_folder_it_was_built_in(root: Path) -> None:
         assert "" == found.stdout
 
 
+def test_no_list_of_files_has_a_hash_that_the_build_folder_decides(root: Path) -> None:
+    """Commands and the place of the sources name that folder: two builds of one commit would differ."""
+    lists = sorted(root.glob(f".{PREFIX}/lib/python3*/site-packages/*.dist-info/RECORD"))
+    listed = [line for path in lists for line in path.read_text(encoding="utf-8").splitlines()]
+
+    assert lists
+    assert [] == [line for line in listed if line.startswith("../../../bin/") or "/direct_url.json," in line]
+
+
 def test_the_units_start_what_was_installed(root: Path) -> None:
     """ExecStart is the program that lies there."""
     units = root / "usr/local/lib/systemd/system"
