@@ -213,6 +213,14 @@ def test_no_axle_turns_faster_under_the_brakes() -> None:
     assert not is_plausible(brakes, np.array([4e-3, -2e-3]), bounds)
 
 
+def test_a_load_of_the_impossible_sign_has_a_limit() -> None:
+    """4e-4 s2 of it may be a simulation's alone; -1.4e-3 s2 is the slip of one axle against the other."""
+    load, bounds = term("load_transfer_longitudinal", "coefficient"), bounds_of(perfect(CIRCLE).car)
+
+    assert is_plausible(load, np.array([-4e-4]), bounds)
+    assert not is_plausible(load, np.array([-1.4e-3]), bounds)
+
+
 def test_a_ratio_between_limits_loses_what_lies_beyond_the_nearer_one() -> None:
     """Of the load that bends shift, an axle's share is within 0.7 of the mean of both."""
     loads = term("load_transfer_lateral", "coefficient", "front_more")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tpmsd.offline.dynamics import columns
 from tpmsd.offline.dynamics.columns import BlockGram, Probe, gram, model_derivatives
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.settings import SETTINGS
 
 CHANNELS = ("yaw_rate", "accel_lat", "velocity_lat", "speed", "accel_long")
 
@@ -59,7 +61,7 @@ def dense_gram(search: Search, probes: list[Probe]) -> BlockGram:
     return BlockGram(np.array(informations), np.array(gradients))
 
 
-@pytest.mark.parametrize("cached", [columns._CACHED, 250, 1])
+@pytest.mark.parametrize("cached", [SETTINGS.values_at_once, 250, 1])
 def test_statistics_are_those_of_dense_least_squares(
     tmp_path: Path, cached: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,7 +75,7 @@ def test_statistics_are_those_of_dense_least_squares(
         for probe in term.probes(search.theta, search.covariates)
     ]
     assert len(search.setup.drive.starts) > 2 and len(probes) > 3
-    monkeypatch.setattr(columns, "_CACHED", cached)
+    monkeypatch.setattr(columns, "SETTINGS", replace(SETTINGS, values_at_once=cached))
     found, dense = (
         gram(search.setup, search.theta, search.at, search.noise, probes),
         dense_gram(search, probes),

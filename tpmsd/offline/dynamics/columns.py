@@ -19,9 +19,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Linear, Setup, Weighted, linear, subset_of_blocks
-
-_CACHED = 50_000
-"""Rows times columns that are computed at once: with their states and outputs some megabytes."""
+from tpmsd.offline.dynamics.settings import SETTINGS
 
 
 @dataclass(frozen=True)
@@ -191,7 +189,7 @@ def _gram_of_columns(
 def _groups_of_blocks(starts: IntArray, ends: IntArray, columns: int) -> list[slice]:
     """Return slices of the blocks, so many in each that what is computed of these columns at once fits into a
     processor's cache."""
-    rows = max(_CACHED // columns, 1)
+    rows = max(SETTINGS.values_at_once // columns, 1)
     edges = [0]
     for k in range(1, len(starts)):
         if ends[k] - starts[edges[-1]] > rows:

@@ -144,6 +144,9 @@ class DynamicsSettings:
     max_rows: int = 60_000
     """Rows of a drive that are looked at, blocks spread evenly over a longer one: 20 min at 50 Hz, from which
     no value is known better than its model's own error, and 700 MB of columns."""
+    values_at_once: int = 50_000
+    """Rows times columns that are computed at once: with their states and outputs some megabytes, which a
+    processor's cache holds."""
     min_s: float = 8.0
     """Driving below which nothing is concluded: a handful of blocks."""
 
